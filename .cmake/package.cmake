@@ -9,8 +9,9 @@ set(CPACK_PACKAGE_DESCRIPTION
 parallel mechanism under extended sliding-mode control.
 .
 This package holds the command esmc (simulation, hardware in the loop on a CAN
-interface, emulated drives, checks of scenes) and the controller library with
-headers and CMake configuration: find_package(esmc CONFIG).")
+interface, emulated drives, checks of scenes), the Python module esmc, and the
+controller library with headers and CMake configuration:
+find_package(esmc CONFIG).")
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -20,6 +21,9 @@ set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PACKAGE_PRIORITY optional)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")  # what find_package(esmc) asks for
+if(TARGET esmc_python)
+  string(APPEND CPACK_DEBIAN_PACKAGE_DEPENDS ", python3 (>= 3.11), python3 (<< 3.12), python3-numpy")
+endif()
 set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ
     WORLD_EXECUTE)

@@ -116,8 +116,9 @@ class TimedLoop {
 
   /// Does one turn, without waiting; call in an endless loop, or after each frame and at instant_us(). True:
   /// a tick was done, and `seen` was called with its result.
+  /// Not inlined: boards with fast memory have it there (cortex_m/sections.ld).
   template <class Seen>
-  bool turn(Seen&& seen) {
+  [[gnu::noinline]] bool turn(Seen&& seen) {
     node_.enable_input(board_.enable().closed());
     node_.receive(board_.bus());
     const std::uint32_t now = board_.now_us(), since = now - next_us_;

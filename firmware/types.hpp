@@ -40,6 +40,12 @@ template <class S>
   return Vec2<S>(-a.y(), a.x());
 }
 
+/// k a; for where gcc, in a large file, calls Eigen's constructor from a product.
+template <class S>
+[[nodiscard]] ESMC_INLINE inline Vec2<S> scaled(const Vec2<S>& a, S k) {
+  return Vec2<S>(a.x() * k, a.y() * k);
+}
+
 /// Scalar product that adds x before y everywhere; Eigen may reorder its own.
 template <class S>
 [[nodiscard]] constexpr S dot(const Vec2<S>& a, const Vec2<S>& b) {

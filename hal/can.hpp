@@ -38,6 +38,20 @@ struct CanFrame {
   }
 };
 
+/// Bytes of a CAN FD frame by its data length code; a classic frame has 8 at most.
+inline constexpr std::array<std::uint8_t, 16> can_fd_sizes{0, 1,  2,  3,  4,  5,  6,  7,
+                                                           8, 12, 16, 20, 24, 32, 48, 64};
+/// The smallest code whose frame holds `bytes`, at most 64.
+[[nodiscard]] constexpr std::uint32_t can_fd_code(std::uint8_t bytes) {
+  std::uint32_t code = 0;
+  while (code < 15 && can_fd_sizes[code] < bytes) ++code;
+  return code;
+}
+/// The smallest size of a CAN FD frame that holds `bytes`, at most 64.
+[[nodiscard]] constexpr std::uint8_t can_fd_size(std::uint8_t bytes) {
+  return can_fd_sizes[can_fd_code(bytes)];
+}
+
 /// `to` = `from` as far as frames are compared. Always copies 8 bytes or more of data, which costs no loop.
 inline void copy_used(const CanFrame& from, CanFrame& to) {
   if (from.size > can_classic_size_max) {
@@ -52,6 +66,14 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
   const std::uint32_t id_max = f.extended ? 0x1FFF'FFFFU : 0x7FFU;
   const std::uint8_t size_max = f.fd ? can_fd_size_max : can_classic_size_max;
   return f.id <= id_max && f.size <= size_max && !(f.fd && f.remote);
+}
+
+/// The arbitration field of a well-formed frame as a number: the smallest wins the bus. Frames of two nodes
+/// with the same number collide.
+[[nodiscard]] constexpr std::uint32_t arbitration(const CanFrame& f) {
+  const std::uint32_t remote = f.remote ? 1 : 0;
+  if (!f.extended) return (f.id << 21U) | (remote << 20U);
+  return ((f.id >> 18U) << 21U) | (3U << 19U) | ((f.id & 0x3'FFFFU) << 1U) | remote;
 }
 
 /// Classic data frame with an 11-bit identifier and `size` bytes 0; neither is checked.

@@ -1,6 +1,5 @@
 #pragma once
-/// Frames that wait for a CAN controller, which gets one at a time: the waiting ones can be withdrawn, so
-/// that no torque of an earlier tick is sent.
+/// Frames that wait for a buffer of a CAN controller, in the order in which the bus would take them.
 
 #include <array>
 #include <cstdint>
@@ -9,31 +8,37 @@
 
 namespace esmc::hal {
 
-/// First in, first out.
+/// The smallest arbitration field first, so that no frame of the node waits behind a less urgent one; equal
+/// ones first in, first out. Identifiers are priorities on any bus, also in the queues of other nodes and of
+/// adapters, so no sequence of a protocol relies on the order of two identifiers: each step waits for the
+/// drive's answer to the one before. Perishable frames can be withdrawn, so that no torque of an earlier tick
+/// is sent.
 class WaitingFrames {
  public:
   static constexpr std::uint32_t capacity = 32;
+  static constexpr std::uint32_t returned_max = 3;  ///< frames beyond it that give_back() may add
 
-  /// Appends a copy of f. False: full, nothing changed.
+  /// Adds a copy of f behind those of its priority. False: full, nothing changed.
   [[nodiscard]] bool push(const CanFrame& f) {
-    if (size_ == capacity) return false;
-    at(size_++) = f;
+    if (size_ >= capacity) return false;
+    insert(f, true);
     return true;
   }
-  [[nodiscard]] bool empty() const { return size_ == 0; }
-  /// The oldest frame; the caller ensures that it is not empty().
-  [[nodiscard]] const CanFrame& front() const { return frames_[first_]; }
-  /// Removes the oldest frame; the caller ensures that it is not empty().
-  void pop() {
-    first_ = (first_ + 1) % capacity;
-    --size_;
+  /// Adds a copy of f before those of its priority: a controller has returned it.
+  void give_back(const CanFrame& f) {
+    if (size_ < frames_.size()) insert(f, false);
   }
+  [[nodiscard]] bool empty() const { return size_ == 0; }
+  /// The most urgent frame; the caller ensures that it is not empty().
+  [[nodiscard]] const CanFrame& front() const { return frames_[size_ - 1]; }
+  /// Removes front(); the caller ensures that it is not empty().
+  void pop() { --size_; }
   /// Removes perishable frames and returns their number; the others keep their order.
   std::uint32_t withdraw() {
     const std::uint32_t before = size_;
     std::uint32_t kept = 0;
     for (std::uint32_t i = 0; i < before; ++i) {
-      if (!at(i).perishable) at(kept++) = at(i);
+      if (!frames_[i].perishable) frames_[kept++] = frames_[i];
     }
     size_ = kept;
     return before - kept;
@@ -46,10 +51,20 @@ class WaitingFrames {
   }
 
  private:
-  [[nodiscard]] CanFrame& at(std::uint32_t i) { return frames_[(first_ + i) % capacity]; }
+  /// Before the frames of the same priority, or `behind` them.
+  void insert(const CanFrame& f, bool behind) {
+    const std::uint32_t key = arbitration(f);
+    std::uint32_t i = size_++;
+    for (; i > 0; --i) {
+      const std::uint32_t other = arbitration(frames_[i - 1]);
+      if (behind ? other > key : other >= key) break;
+      copy_used(frames_[i - 1], frames_[i]);
+    }
+    copy_used(f, frames_[i]);
+  }
 
-  std::array<CanFrame, capacity> frames_{};
-  std::uint32_t first_ = 0, size_ = 0;
+  std::array<CanFrame, capacity + returned_max> frames_{};  // the most urgent last
+  std::uint32_t size_ = 0;
 };
 
 }  // namespace esmc::hal

@@ -68,14 +68,17 @@ namespace esmc {
 
 namespace {
 using Vector = void (*)();
-constexpr int vectors = 16 + 150;  // interrupts are not used: each is a fault
+constexpr int vectors = 16 + 150;
 struct Table {
   const void* stack;
   Vector handler[vectors - 1];
 };
 constexpr Table table() {
   Table t{&esmc_stack_top, {}};
-  for (Vector& v : t.handler) v = esmc_fault;
+  for (Vector& v : t.handler) v = esmc_fault;  // also of an interrupt that the board does not use
+#ifdef ESMC_CAN_INTERRUPT
+  t.handler[15 + ESMC_CAN_INTERRUPT] = esmc_can_interrupt;
+#endif
   t.handler[0] = esmc_reset;
   t.handler[1] = esmc_nmi;
   return t;

@@ -230,7 +230,7 @@ int main(int argc, char** argv) {
                 "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   const Options o = read(argc, argv);
   std::error_code error;
-  hal::SocketCan bus = hal::SocketCan::open(o.interface, error);
+  hal::SocketCan bus = hal::SocketCan::open(o.interface, error, baked::data_bitrate != 0);
   if (!bus.is_open()) refuse((std::string(o.interface) + ": ").c_str(), error.message().c_str());
   LinuxBoard board(bus);
   wire(board.enable(), "--enable", o.enable, hal::GpioLine::Use::contact);
@@ -249,6 +249,8 @@ int main(int argc, char** argv) {
   const auto session = static_cast<std::uint8_t>(
       1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
+  if (!bus.hear(node.filters()))
+    refuse((std::string(o.interface) + ": ").c_str(), "refuses acceptance filters");
   Loop loop(node, board, baked::period_ns);
   static Statistics statistics;
   const bool idle = run(node, loop, bus, o, recorder, statistics);

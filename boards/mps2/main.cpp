@@ -7,6 +7,7 @@
 extern "C" [[noreturn]] void esmc_main() {
   using namespace esmc;
   static_assert(baked::lockstep, "an emulator has no time of its own: bake without --realtime");
+  static_assert(baked::data_bitrate == 0, "slcan carries no CAN FD");
   static Mps2Board board;
   static baked::Node node(baked::config(1));
   // After a crash it stays disabled; the record remains in memory for a debugger.

@@ -22,12 +22,12 @@ struct DamagedFlash {
     asm volatile("cpsid f\n dsb\n isb" ::: "memory");
     const Word value = reg(address);
     asm volatile("dsb\n isb" ::: "memory");
-    const bool good = (reg(cfsr) & bus_fault) == 0 && (reg(flash_base + 0x110) & dbeccerr) == 0;  // SR2
+    const Word damage = (reg(cfsr) & bus_fault) | (reg(flash_base + 0x110) & dbeccerr);  // SR2; no branch
     reg(cfsr) = bus_fault;
     asm volatile("dsb\n cpsie f\n isb" ::: "memory");
     set_field(ccr, ignore, 0);
-    if (good) word = value;
-    return good;
+    if (damage == 0) word = value;
+    return damage == 0;
   }
 };
 

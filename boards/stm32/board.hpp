@@ -1,10 +1,14 @@
 #pragma once
 /// A NUCLEO board; "chip.hpp" is in the folder of the board.
 
+#include "boards/cortex_m/memory.hpp"
 #include "boards/node.hpp"
 #include "chip.hpp"
 
 namespace esmc::stm32 {
+
+/// The CAN controller whose interrupt is enabled; null before.
+inline Chip::Can* interrupting_can = nullptr;
 
 class NucleoBoard {
  public:
@@ -17,13 +21,21 @@ class NucleoBoard {
     cause_ = Chip::reset_cause();
     console_.start(Chip::reset_clock_hz);
   }
-  /// Starts clocks and bus (bit/s), not the watchdog. Returns `none`, or the step that failed, the last done.
-  [[nodiscard]] StartFault start(Word bit_rate) {
+  /// Starts the clocks. Returns `none`, or the step that failed, the last done.
+  [[nodiscard]] StartFault start() {
     if (const StartFault fault = Chip::start_clocks(); fault != StartFault::none) return fault;
     console_.start(Chip::console_clock_hz);
     start_microseconds(Chip::timer_clock_hz);
+    return StartFault::none;
+  }
+  /// Joins the bus (bit/s; data_rate 0: classic), after start(), and enables its interrupt, the only one.
+  /// False: not possible.
+  [[nodiscard]] bool join(Word bit_rate, Word data_rate, const hal::IdFilters& filters) {
     Chip::prepare_can();
-    return bus_.open(Chip::can_clock_hz, bit_rate) ? StartFault::none : StartFault::can;
+    if (!bus_.open(Chip::can_clock_hz, bit_rate, data_rate, filters)) return false;
+    interrupting_can = &bus_;
+    enable_interrupt(ESMC_CAN_INTERRUPT);
+    return true;
   }
 
   [[nodiscard]] Chip::Can& bus() { return bus_; }
@@ -49,3 +61,5 @@ class NucleoBoard {
 static_assert(Board<NucleoBoard>);
 
 }  // namespace esmc::stm32
+
+extern "C" [[gnu::used]] inline void esmc_can_interrupt() { esmc::stm32::interrupting_can->interrupt(); }

@@ -11,7 +11,7 @@ using namespace esmc;
 
 [[gnu::section(".noinit")]] std::uint32_t starts;  // seed of the session, changed at each start
 
-[[gnu::cold, gnu::noinline]] void print_start(stm32::Console& out, std::uint32_t cause) {
+[[gnu::noinline]] void print_start(stm32::Console& out, std::uint32_t cause) {
   out << "\r\nesmc, link protocol " << link::protocol_version << "; reset flags ";
   out.hex(cause) << ", brown-out level " << stm32::Chip::brown_out_level() << " of "
                  << stm32::Chip::brown_out_level_max << "\r\n";
@@ -24,8 +24,8 @@ using namespace esmc;
 }
 
 template <class Loop>
-[[gnu::cold, gnu::noinline]] void print_status(stm32::Console& out, const baked::Node& node, const Loop& loop,
-                                               stm32::NucleoBoard& board) {
+[[gnu::noinline]] void print_status(stm32::Console& out, const baked::Node& node, const Loop& loop,
+                                    stm32::NucleoBoard& board) {
   out << name(node.supervisor().state()) << ", fault " << name(node.supervisor().fault()) << ", enable "
       << (board.enable().closed() ? "closed" : "open") << (board.bus().off() ? ", off the bus" : "")
       << ", late " << loop.late() << ", overruns " << board.bus().overruns() << ", withdrawn "
@@ -33,8 +33,7 @@ template <class Loop>
   out.hex(board.bus().error_counters()) << "\r\n";
 }
 
-// Cold: compiled for size.
-[[gnu::cold, gnu::noinline]] void print_store(stm32::Console& out, const link::StoreStatus& s) {
+[[gnu::noinline]] void print_store(stm32::Console& out, const link::StoreStatus& s) {
   out << "parameters: " << name(s.state) << ", at start ";
   if (s.used == 0) {
     out << "baked";
@@ -62,11 +61,13 @@ extern "C" [[noreturn]] void esmc_main() {
   static stm32::NucleoBoard board;
   print_start(board.console(), board.reset_cause());
   while (!board.console().idle()) board.console().pump();  // before its clock changes
-  const stm32::StartFault fault = board.start(baked::bitrate);
+  const stm32::StartFault fault = board.start();
   if (fault != stm32::StartFault::none) start_again(board.console(), fault);
 
   starts += 1U + stm32::Chip::random();
   static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
+  if (!board.join(baked::bitrate, baked::data_bitrate, node.filters()))
+    start_again(board.console(), stm32::StartFault::can);
   // An operation of the flash takes four seconds at most; one step of it per tick.
   constexpr auto store_ticks_max = static_cast<std::uint32_t>(8'000'000'000ULL / baked::period_ns);
   static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(),

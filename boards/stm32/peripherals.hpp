@@ -22,6 +22,13 @@ inline void finish_access(Word address) { [[maybe_unused]] const Word read_back 
   return false;
 }
 
+/// Enables interrupt `number` in the NVIC, with the priority of reset, the highest: nothing preempts it but
+/// faults.
+inline void enable_interrupt(Word number) {
+  asm volatile("dsb" ::: "memory");  // what its handler reads is written
+  reg(0xE000'E100U + 4 * (number / 32)) = 1U << (number % 32);
+}
+
 /// Pin `number`, 0..15, of the port at address `port`, whose clock must run. A contact is closed when high.
 struct Pin {
   Word port;

@@ -7,6 +7,7 @@
 extern "C" [[noreturn]] void esmc_main() {
   using namespace esmc;
   static_assert(baked::lockstep, "an emulator has no time of its own: bake without --realtime");
+  static_assert(baked::data_bitrate == 0, "its CAN controller knows no CAN FD");
   static Zcu102Board board;
   static baked::Node node(baked::config(1));
   const bool on_bus = board.start(baked::bitrate);

@@ -157,7 +157,8 @@ class Controller {
     return fault;
   }
 
-  // Functions that never run under the law are cold: compiled for size, to save flash.
+  // Functions that never run under the law are cold: compiled for size, and not copied to a board's fast
+  // memory.
 
   /// One tick of the sign test.
   [[gnu::cold]] Fault sign_test_torque(const Tracking<M>& now, TickResult<M>& out) {

@@ -92,7 +92,7 @@ class Cycle {
   void tick_late() { late_ = true; }
   /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
   void time_passed(std::uint32_t us) {
-    passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6F) / controller_.config().sample_time);
+    passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6L) / controller_.config().sample_time + S(0.5F));
   }
   /// The output `drive_enable`, true where drives may have power: not in disabled and fault.
   [[nodiscard]] bool drive_enable() const {
@@ -113,6 +113,14 @@ class Cycle {
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }  ///< i < axis_count
 
+  /// The identifiers that receive() has to hear: of the axes and the link, also where we alone send them, for
+  /// another sender of ours must be noticed. All other frames it would count as not_mine.
+  [[nodiscard]] hal::IdFilters filters() const {
+    hal::IdFilters list;
+    for (int i = 0; i < axis_count_; ++i) axis(i).add_filters(list);
+    link_.add_filters(list);
+    return list;
+  }
   /// Makes every axis repeat its last request at the next tick without waiting. Call only before heard().
   void ask_again() {
     for (D& a : axes_) a.ask_again();

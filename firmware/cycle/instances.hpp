@@ -5,6 +5,7 @@
 #include "firmware/cycle/four_motors.hpp"
 #include "firmware/drive/cia402_axis.hpp"
 #include "firmware/drive/mit_axis.hpp"
+#include "firmware/drive/moteus_axis.hpp"
 #include "firmware/drive/odrive_axis.hpp"
 
 namespace esmc {
@@ -15,13 +16,16 @@ template <class M>
 using Cia402Cycle = Cycle<M, drive::Cia402Axis>;
 template <class M>
 using MitCycle = Cycle<M, drive::MitAxis>;
+template <class M>
+using MoteusCycle = Cycle<M, drive::MoteusAxis>;
 
 /// @cond
 #define ESMC_CONTROLLER(TEMPLATE, M)          \
   TEMPLATE class Controller<M>;               \
   TEMPLATE class Cycle<M, drive::OdriveAxis>; \
   TEMPLATE class Cycle<M, drive::Cia402Axis>; \
-  TEMPLATE class Cycle<M, drive::MitAxis>
+  TEMPLATE class Cycle<M, drive::MitAxis>;    \
+  TEMPLATE class Cycle<M, drive::MoteusAxis>
 ESMC_CONTROLLER(extern template, FiveBar<double>);
 ESMC_CONTROLLER(extern template, FiveBar<float>);
 ESMC_CONTROLLER(extern template, Rr<double>);

@@ -89,7 +89,7 @@ class SignTest {
     const Vec2<S> seen = angle - from_ - rate_ * t;
     const S along = dot(seen, expected), size = dot(expected, expected);
     const S own = seen[motor_] / expected[motor_];
-    return along >= size * S(0.25) && along <= size * S(4) && own >= S(0.25) && own <= S(4);
+    return along >= size * S(0.25) && own >= S(0.25) && own <= S(4);  // ran_away() bounds `along`
   }
 
   S move_{}, sample_time_{1}, pulse_{};

@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "hal/can.hpp"
+#include "hal/id_filters.hpp"
 
 /// Motor drives as the controller sees them.
 namespace esmc::drive {
@@ -60,6 +61,7 @@ struct NoLine {
 
 /// One axis as the cycle sees it. No call blocks; `send` returns whether the bus took the frame.
 ///
+///   add_filters    adds the identifiers that receive() takes or judges; never changes
 ///   begin_tick     counts the ages; once per tick, before the frames of the tick are received
 ///   receive        takes a frame; no side effect unless `accepted`
 ///   enable         sends the next frames towards torque control; every tick while enabling
@@ -67,7 +69,9 @@ struct NoLine {
 ///   put_torque     the torque command of a tick as a classic data frame
 template <class D>
 concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame& out,
-                         bool (*send)(const hal::CanFrame&), float torque, typename D::Line& line) {
+                         bool (*send)(const hal::CanFrame&), float torque, typename D::Line& line,
+                         hal::IdFilters& filters) {
+  c.add_filters(filters);
   d.begin_tick();
   { d.receive(f) } -> std::same_as<Received>;
   { c.heard_this_tick() } -> std::same_as<bool>;               ///< its cyclic frames of the tick are complete

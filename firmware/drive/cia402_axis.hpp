@@ -43,6 +43,13 @@ class Cia402Axis {
     if (in_tick && sample_age_ticks_ == 0) sample_age_ticks_ = 1;
   }
 
+  /// Adds the identifiers of the node, and those that only a controller sends.
+  void add_filters(hal::IdFilters& list) const {
+    list.add({config_.node, canopen::node_mask, false});
+    for (const std::uint32_t id :
+         {canopen::id_nmt, canopen::id_sync, canopen::id_heartbeat + settings_.master_node})
+      list.add({id, 0x7FF, false});
+  }
   /// Takes a frame of the drive. Changes nothing unless the result is `accepted`.
   Received receive(const hal::CanFrame& f) {
     const bool before = std::exchange(sampled_, false);

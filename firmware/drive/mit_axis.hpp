@@ -44,6 +44,12 @@ class MitAxis {
   MitAxis() = default;
   MitAxis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
+  /// Adds the identifiers of commands and replies. Of cubemars_v3: all up to 3FFFh that end with the node.
+  void add_filters(hal::IdFilters& list) const {
+    if (v3()) return list.add({config_.node, 0x1FFF'C0FF, true});
+    list.add({config_.node, 0x7FF, false});
+    list.add({settings_.master_id, 0x7FF, false});
+  }
   /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with an identifier
   /// of commands to the node that is no reply is a `foreign_command`; a broken reply elsewhere is
   /// `malformed`.

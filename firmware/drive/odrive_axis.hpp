@@ -34,6 +34,11 @@ class OdriveAxis {
   /// then repeated. Default and upper limit: `retry_ticks`.
   void restarts_within(std::uint32_t ticks) { silence_ticks_ = ticks < retry_ticks_ ? ticks : retry_ticks_; }
 
+  /// Adds the identifiers of the node, and those of commands to all nodes.
+  void add_filters(hal::IdFilters& list) const {
+    list.add({std::uint32_t{config_.node} << 5U, 0x7E0, false});
+    if (version_ == Version::v0_6) list.add({std::uint32_t{odrive::node_broadcast} << 5U, 0x7E0, false});
+  }
   /// Takes a frame of the drive. Changes nothing unless the result is `accepted`. An emergency stop is
   /// accepted from any node, with any format.
   Received receive(const hal::CanFrame& f) {

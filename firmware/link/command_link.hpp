@@ -6,6 +6,7 @@
 /// A frame that fails a check has no effect and is counted.
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <type_traits>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "firmware/link/fault_memory.hpp"
 #include "firmware/link/link_types.hpp"
 #include "firmware/link/parameters.hpp"
+#include "hal/id_filters.hpp"
 
 namespace esmc::link {
 
@@ -25,10 +27,13 @@ class CommandLink {
       : config_(c), parameters_(c.parameters), session_(c.session), source_(c.source) {}
 
   [[nodiscard]] bool active() const { return config_.base_id != 0; }  ///< false: every frame is not_mine
+  /// Adds the identifiers of the link, in both directions.
+  void add_filters(hal::IdFilters& list) const {
+    if (active()) list.add({config_.base_id, 0x7FF & ~(block_size - 1U), false});
+  }
   [[nodiscard]] const Parameters& parameters() const { return parameters_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::uint8_t session() const { return session_; }
-  [[nodiscard]] Source source() const { return source_; }
   [[nodiscard]] std::uint32_t scene() const { return config_.scene; }
 
   /// Begins a tick; call before its frames.
@@ -55,7 +60,7 @@ class CommandLink {
   /// Takes stored gains at power-up, before the first tick, for the next take(). False: refused, no effect.
   bool restore(const Gains& g) {
     const bool good = parameters_.restore(g);
-    request_.has_gains = request_.has_gains || good;
+    if (good) request_.has_gains = true;
     return good;
   }
   /// Returns the last request to the store since the last call, and forgets it.
@@ -79,32 +84,35 @@ class CommandLink {
            (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
   }
 
-  /// Sends what is due, at the end of every tick: Status, faults, telemetry, answers. `send` returns whether
-  /// the bus took the frame; if not, all but a merely periodic Status is tried again in the next tick.
+  /// Sends at most one frame of what is due, at the end of every tick, so that the link never delays another
+  /// frame by more than that: a new state or fault, or else an answer, or else the other kinds in turn.
+  /// `send` returns whether the bus took the frame; if not, it is tried again.
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());
     faults_.update(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
-    const bool changed = s.state() != sent_state_ || s.fault() != sent_fault_;
-    const bool status_due = due(since_status_, config_.status_ticks);
-    const bool telemetry_due = due(since_telemetry_, config_.telemetry_ticks);
-    if (changed || status_due) {
-      if (send(encode_status(config_.base_id, status(s), ++counter_))) {
-        sent_state_ = s.state();
-        sent_fault_ = s.fault();
-      }
-      faults_.transmit(config_.base_id, s.fault(), send);
-    }
-    if (telemetry_due && unsent_ == 0) {
+    status_due_ = due(since_status_, config_.status_ticks) || status_due_;
+    if (due(since_telemetry_, config_.telemetry_ticks) && unsent_ == 0) {
       telemetry_report_ = r;
       unsent_ = telemetry_first + r.joints;
     }
-    if (unsent_ > 0) telemetry(send);
     if (due(since_table_, config_.table_ticks)) {
-      table_due_ = identity_due_ = true;
+      table_due_ = counters_due_ = identity_due_ = true;
       slots_due_ = slots_due_ || store_.state != StoreState::none;
     }
-    answer(send);
+    const bool changed = s.state() != sent_state_ || s.fault() != sent_fault_;
+    if (changed) {
+      status_due_ = true;
+      turn_ = 0;
+    }
+    answered_ = !changed && !answered_ && answer(send);
+    if (answered_) return;
+    for (unsigned n = 0; n < kinds; ++n) {
+      const unsigned kind = turn_;
+      turn_ = (turn_ + 1) % kinds;
+      if (offer(kind, s, send)) return;
+    }
+    answered_ = answer(send);
   }
 
  private:
@@ -212,7 +220,7 @@ class CommandLink {
     store_status(s);
     if (request == StoreRequest::forget) {
       parameters_ = config_.parameters;
-      request_.has_gains = table_due_ = true;
+      request_.has_gains = table_due_ = counters_due_ = true;
     }
     return Outcome::obeyed;
   }
@@ -292,12 +300,10 @@ class CommandLink {
 
   Outcome write(const std::optional<ParameterWrite>& w) {
     if (!w) return Outcome::malformed;
-    answer_ = parameters_.write(w->index, w->value, state_ == State::disabled && !storing());
-    answer_due_ = true;
-    answer_index_ = w->index;
-    if (answer_ != Answer::ok) return Outcome::refused;
-    request_.has_gains = true;
-    table_due_ = true;
+    const Answer a = parameters_.write(w->index, w->value, state_ == State::disabled && !storing());
+    queue_answer(w->index, a);
+    if (a != Answer::ok) return Outcome::refused;
+    request_.has_gains = table_due_ = counters_due_ = true;
     return Outcome::obeyed;
   }
   Outcome answer_to(const std::optional<RequestFrame>& q) {
@@ -307,15 +313,21 @@ class CommandLink {
         faults_.read_out();
         break;
       case Subject::table:
-        table_due_ = identity_due_ = slots_due_ = true;
+        table_due_ = counters_due_ = identity_due_ = slots_due_ = true;
         break;
       default:
-        answer_due_ = true;
-        answer_index_ = q->index;
-        answer_ = q->index < parameter_count ? Answer::ok : Answer::unknown_index;
+        queue_answer(q->index, q->index < parameter_count ? Answer::ok : Answer::unknown_index);
         break;
     }
     return Outcome::obeyed;
+  }
+
+  /// One answer per parameter waits, and one for an index that there is not.
+  void queue_answer(std::uint8_t index, Answer a) {
+    if (index >= parameter_count) unknown_index_ = index;
+    const unsigned at = index < parameter_count ? index : parameter_count;
+    answers_[at] = a;
+    answers_due_ |= 1U << at;
   }
 
   void count(Outcome o) {
@@ -348,9 +360,52 @@ class CommandLink {
                                                         : Reacted::halt;
     return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_), session_};
   }
-  /// One frame per tick of a set of telemetry: a whole set at once would delay other frames on the bus.
+  // Each offers the bus a frame if one is due, and returns whether it was.
+  template <class Send, class Frame>
+  static bool once(bool& is_due, Send&& send, Frame&& frame) {
+    if (!is_due) return false;
+    is_due = !send(frame());
+    return true;
+  }
   template <class Send>
-  void telemetry(Send&& send) {
+  bool answer(Send&& send) {
+    if (answers_due_ == 0) {
+      return once(table_due_, send, [&] {
+        return encode_parameter_table(config_.base_id, parameters_.crc(), parameter_count);
+      });
+    }
+    const auto at = static_cast<std::uint8_t>(std::countr_zero(answers_due_));
+    const bool known = at < parameter_count;
+    const std::uint8_t index = known ? at : unknown_index_;
+    if (send(encode_parameter_value(config_.base_id, index, answers_[at], parameters_.writable(index),
+                                    known ? parameters_.at(at) : 0.0F)))
+      answers_due_ &= answers_due_ - 1U;
+    return true;
+  }
+  template <class Send>
+  bool offer(unsigned kind, const Supervisor& s, Send&& send) {
+    const std::uint32_t base = config_.base_id;
+    switch (kind) {
+      case 0:
+        if (!once(status_due_, send, [&] { return encode_status(base, status(s), ++counter_); }))
+          return false;
+        if (!status_due_) sent_state_ = s.state(), sent_fault_ = s.fault();
+        return true;
+      case 1:
+        return faults_.transmit(base, s.fault(), send);
+      case 2:
+        return telemetry(send);
+      case 3:
+        return once(counters_due_, send, [&] { return encode_counters(base, counters_); });
+      case 4:
+        return once(identity_due_, send, [&] { return encode_identity(base, config_.scene); });
+      default:
+        return once(slots_due_, send, [&] { return encode_parameter_slots(base, store_); });
+    }
+  }
+  template <class Send>
+  bool telemetry(Send&& send) {
+    if (unsent_ == 0) return false;
     const unsigned done = telemetry_first + telemetry_report_.joints - unsent_;
     const auto m = static_cast<std::uint8_t>(static_cast<unsigned>(Message::effector) + done);
     const auto& pair = done == 0 ? telemetry_report_.effector : telemetry_report_.error;
@@ -360,21 +415,7 @@ class CommandLink {
             : send(encode_floats(config_.base_id, m, telemetry_report_.angle[done - telemetry_first],
                                  telemetry_report_.torque[done - telemetry_first]));
     if (sent) --unsent_;
-  }
-  template <class Send>
-  void answer(Send&& send) {
-    if (answer_due_) {
-      const bool known = answer_index_ < parameter_count;
-      answer_due_ = !send(encode_parameter_value(config_.base_id, answer_index_, answer_,
-                                                 parameters_.writable(answer_index_),
-                                                 known ? parameters_.at(answer_index_) : 0.0F));
-    }
-    if (table_due_) {
-      table_due_ = !send(encode_parameter_table(config_.base_id, parameters_.crc(), parameter_count));
-      (void)send(encode_counters(config_.base_id, counters_));
-    }
-    if (identity_due_) identity_due_ = !send(encode_identity(config_.base_id, config_.scene));
-    if (slots_due_) slots_due_ = !send(encode_parameter_slots(config_.base_id, store_));
+    return true;
   }
 
   LinkConfig config_{};
@@ -396,11 +437,15 @@ class CommandLink {
   bool half_ = false;       // a position waits for its velocity
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
-  bool answer_due_ = false, table_due_ = false, slots_due_ = false;
+  static constexpr unsigned kinds = 6;  // of offer()
+  unsigned turn_ = 0;                   // the kind that is offered first
+  bool answered_ = false;               // the last frame was one
+  bool status_due_ = false, table_due_ = false, counters_due_ = false, slots_due_ = false;
   bool identity_due_ = true;  // sent at power-up without a request
   std::uint32_t since_status_ = 0, since_telemetry_ = 0, since_table_ = 0;
-  std::uint8_t answer_index_ = 0;
-  Answer answer_ = Answer::ok;
+  std::uint32_t answers_due_ = 0;  // bit i: answers_[i]
+  std::array<Answer, parameter_count + 1> answers_{};
+  std::uint8_t unknown_index_ = 0;
   StoreStatus store_{};
   StoreRequest store_request_ = StoreRequest::none;
   Report telemetry_report_{};  // of the tick whose telemetry is being sent

@@ -19,6 +19,7 @@ class FaultMemory {
       if (n == r.count) continue;
       r = {r.fault, axis, n, time_us, drive_error};
       pending_[i] = true;
+      if (i == detail_of_) detail_of_ = 0;  // the record that was sent is no longer the present one
     }
   }
   /// Queues every fault that has occurred, and the end mark.
@@ -26,21 +27,24 @@ class FaultMemory {
     for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
     pending_[0] = true;
   }
-  /// Sends at most one queued record, that of `first` before others; it stays queued if the bus is full.
+  /// Offers the bus the next frame of a queued record, that of `first` before others: its second frame in the
+  /// next call. A frame that the bus does not take stays queued. False: nothing is queued.
   template <class Send>
-  void transmit(std::uint32_t base, Fault first, Send&& send) {
-    unsigned i = static_cast<unsigned>(first);
+  bool transmit(std::uint32_t base, Fault first, Send&& send) {
+    unsigned i = detail_of_ != 0 ? detail_of_ : static_cast<unsigned>(first);
     if (i == 0 || !pending_[i]) {
       for (i = 1; i < count && !pending_[i]; ++i) {
       }
       if (i == count) i = 0;
     }
-    if (!pending_[i]) return;
+    if (!pending_[i]) return false;
     FaultRecord r = records_[i];
     if (i == 0) r.count = distinct();
-    if (!send(encode_fault_record(base, r))) return;
-    if (i != 0 && !send(encode_fault_detail(base, r))) return;
-    pending_[i] = false;
+    const bool second = detail_of_ != 0;
+    if (!send(second ? encode_fault_detail(base, r) : encode_fault_record(base, r))) return true;
+    detail_of_ = second ? 0 : i;
+    pending_[i] = detail_of_ != 0;
+    return true;
   }
 
  private:
@@ -53,6 +57,7 @@ class FaultMemory {
 
   std::array<FaultRecord, count> records_{};
   std::array<bool, count> pending_{};
+  unsigned detail_of_ = 0;  // fault whose first frame has been sent
 };
 
 }  // namespace esmc::link

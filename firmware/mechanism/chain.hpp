@@ -84,7 +84,7 @@ class Chain {
   }
   /// Vector from the origin of body i to its mass centre, m, for its axis x; the vector's rate for x'.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
-    if (shapes_[i] == Shape::bar) return x * bodies_[i].centre;
+    if (shapes_[i] == Shape::bar) return scaled(x, bodies_[i].centre);
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;
   }
   /// Moment of a force (N) at the mass centre of body i about its origin, N m.
@@ -115,7 +115,7 @@ class Chain {
     if (!revolute(i)) at_end.add(m.slide);
     if (turns(i)) {
       out = at_end.plus(from_joint(m.axis, i));
-      if (i + 1 < joints) at_end.add(m.axis * bodies_[i].length);
+      if (i + 1 < joints) at_end.add(scaled(m.axis, bodies_[i].length));
     } else {
       out = at_end.value();
     }

@@ -35,7 +35,7 @@ std::uint32_t age_of(msghdr& message) {
 
 }  // namespace
 
-SocketCan SocketCan::open(const std::string& interface, std::error_code& error) {
+SocketCan SocketCan::open(const std::string& interface, std::error_code& error, bool fd) {
   const auto fail = [&](int code) {
     error = std::error_code(code, std::generic_category());
     return SocketCan(-1);
@@ -57,12 +57,24 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error) 
   const int index = request.ifr_ifindex;
   if (::ioctl(s.descriptor(), SIOCGIFFLAGS, &request) < 0) return fail(errno);
   if ((request.ifr_flags & IFF_UP) == 0) return fail(ENETDOWN);
+  if (::ioctl(s.descriptor(), SIOCGIFMTU, &request) < 0) return fail(errno);
+  if (fd && request.ifr_mtu < static_cast<int>(CANFD_MTU)) return fail(EMSGSIZE);
   sockaddr_can address{};
   address.can_family = AF_CAN;
   address.can_ifindex = index;
   if (::bind(s.descriptor(), reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0)
     return fail(errno);
   return s;
+}
+
+bool SocketCan::hear(const IdFilters& filters) {
+  std::array<can_filter, IdFilters::capacity> list{};
+  std::size_t size = 0;
+  for (const IdFilter& f : filters.list())  // frames of the other length of identifier do not match
+    list[size++] = {f.id | (f.extended ? CAN_EFF_FLAG : 0U), f.mask | CAN_EFF_FLAG};
+  if (size == 0) size = 1;  // {0, 0} matches every frame
+  return ::setsockopt(descriptor(), SOL_CAN_RAW, CAN_RAW_FILTER, list.data(),
+                      static_cast<socklen_t>(size * sizeof list[0])) == 0;
 }
 
 SendStatus SocketCan::try_send(const CanFrame& f) {

@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "hal/can.hpp"
+#include "hal/id_filters.hpp"
 #include "hal/linux/descriptor.hpp"
 
 namespace esmc::hal {
@@ -14,14 +15,19 @@ namespace esmc::hal {
 class SocketCan {
  public:
   /// Opens a raw socket on an interface ("can0", "vcan0"). On failure `error` is set (no_such_device,
-  /// network_down, not_supported: a kernel without CAN, ...) and is_open() is false.
-  static SocketCan open(const std::string& interface, std::error_code& error);
+  /// network_down, not_supported: a kernel without CAN, message_size: `fd` and a classic interface, ...) and
+  /// is_open() is false.
+  static SocketCan open(const std::string& interface, std::error_code& error, bool fd = false);
 
   /// Adopts a descriptor and closes it, with a canfd_frame or can_frame per packet: a socket pair in tests.
   explicit SocketCan(int fd) : fd_(fd) {}
 
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
   [[nodiscard]] int descriptor() const { return fd_.get(); }
+
+  /// Lets the kernel drop the frames that `filters` does not match; an empty list hears every frame. False:
+  /// the kernel refused, and what was heard before is still heard.
+  [[nodiscard]] bool hear(const IdFilters& filters);
 
   /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: until recover(), or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);

@@ -20,8 +20,8 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
   a.write(at, value);
 };
 
-/// `layout`: of the manual, or of the emulator for an image that runs there only. Frames leave in the order
-/// of try_send(): the controller, whose FIFO cannot give one back, gets one at a time, the others wait here.
+/// `layout`: of the manual, or of the emulator for an image that runs there only. The controller, whose FIFO
+/// cannot give a frame back, gets one at a time; the others wait here, the most urgent goes first.
 /// The counter that stamps received frames cannot be read, so their age is not known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {

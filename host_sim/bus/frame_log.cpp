@@ -19,13 +19,18 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
   return out;
 }
 
-FrameLog::FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage)
-    : file_(file), passage_(passage), interface_(std::move(interface)), bitrate_(bitrate) {
+FrameLog::FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, double fast_bit,
+                   std::FILE* passage)
+    : file_(file),
+      passage_(passage),
+      interface_(std::move(interface)),
+      bitrate_(bitrate),
+      fast_bit_(fast_bit) {
   if (passage_ != nullptr) std::fputs("look,sent,age_us\n", passage);
 }
 
 void FrameLog::frame(const hal::CanFrame& f) {
-  const std::uint32_t bits = worst_bits(f.remote ? 0U : f.size, f.extended);
+  const std::uint32_t bits = worst_bits(f, fast_bit_);
   ++frames_;
   bits_ += bits;
   if (bits != last_bits_) {  // saves a division
@@ -33,17 +38,19 @@ void FrameLog::frame(const hal::CanFrame& f) {
     last_us_ = (std::int64_t{bits} * 1'000'000 + bitrate_ - 1) / bitrate_;
   }
   time_us_ += last_us_;
-  if (file_ != nullptr) write(f);
+  write(f);
 }
 
 void FrameLog::frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f) {
   ++frames_;
   bits_ += bits;
   tick(time_s);
-  if (file_ != nullptr) write(f);
+  write(f);
 }
 
 void FrameLog::write(const hal::CanFrame& f) {
+  if (also_) also_(time_us_, f);
+  if (file_ == nullptr) return;
   const std::string line = candump_line(time_us_, interface_, f) + "\n";
   std::fwrite(line.data(), 1, line.size(), file_.get());
 }

@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <functional>
 #include <string>
+#include <utility>
 
 #include "hal/can.hpp"
 #include "host_sim/file_handle.hpp"
@@ -19,7 +21,9 @@ class FrameLog {
   FrameLog() = default;
   /// Both files are closed at the end; null: nothing is written. `passage`: a row for each line of `file`,
   /// for the replay of one end: number of the node's look at the bus, sent or received, age.
-  FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, std::FILE* passage = nullptr);
+  /// `fast_bit`: time of a bit of CAN FD data, in bit times.
+  FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, double fast_bit,
+           std::FILE* passage = nullptr);
 
   /// Sets the virtual time of the tick that begins, s, never back. Its frames follow at the bit rate.
   void tick(double time_s) {
@@ -46,6 +50,8 @@ class FrameLog {
   }
   /// Logs a frame of a bus that knows when its last bit came (`time_s`, virtual, s) and its bits on the wire.
   void frame_at(double time_s, std::uint32_t bits, const hal::CanFrame& f);
+  /// Gives every frame with its time, us, to `to` as well.
+  void also(std::function<void(std::int64_t, const hal::CanFrame&)> to) { also_ = std::move(to); }
   /// Closes the files. Throws RunError when one could not be written completely.
   void close();
 
@@ -59,9 +65,11 @@ class FrameLog {
   void write(const hal::CanFrame& f);
   void pass(bool sent, std::uint32_t age_us);
 
+  std::function<void(std::int64_t, const hal::CanFrame&)> also_;
   FileHandle file_, passage_;
   std::string interface_;
   std::uint32_t bitrate_ = 1'000'000;
+  double fast_bit_ = 1.0;
   std::int64_t time_us_ = 0, last_us_ = 0;
   std::uint32_t last_bits_ = 0;
   std::uint64_t frames_ = 0, bits_ = 0, seen_bits_ = 0;

@@ -80,8 +80,8 @@ static_assert(hal::TimesFrames<HostBus>);
 inline constexpr const char* bus_forms = "socketcan:INTERFACE | slcan:ENDPOINT";
 
 /// Opens a bus, named in one of the bus_forms, for one node, or throws InputError. `bit_rate`: bit/s, for an
-/// adapter on a serial line; that of an interface is set by the administrator.
-HostBus open_bus(const std::string& bus, int bit_rate);
+/// adapter on a serial line; that of an interface is set by the administrator. `fd`: it must carry CAN FD.
+HostBus open_bus(const std::string& bus, int bit_rate, bool fd);
 
 /// Two nodes on one bus.
 struct BusEnds {
@@ -89,7 +89,7 @@ struct BusEnds {
 };
 /// Opens a bus for two nodes, or throws InputError. An interface serves both; adapters on serial lines are
 /// two, slcan:PLANT,CONTROLLER.
-BusEnds open_both_ends(const std::string& bus, int bit_rate);
+BusEnds open_both_ends(const std::string& bus, int bit_rate, bool fd);
 
 /// Whether real drives may be on the bus: true for every serial line and for an interface of a device, false
 /// for a virtual interface or an unknown one. Throws InputError unless `bus` has one of the bus_forms.

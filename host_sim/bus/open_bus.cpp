@@ -23,19 +23,27 @@ std::string behind(std::string_view prefix, const std::string& bus) {
       bus);
 }
 
-HostBus open_socketcan(const std::string& interface) {
+HostBus open_socketcan(const std::string& interface, bool fd) {
   std::error_code error;
-  hal::SocketCan bus = hal::SocketCan::open(interface, error);
+  hal::SocketCan bus = hal::SocketCan::open(interface, error, fd);
   if (bus.is_open()) return {interface, std::move(bus)};
   std::string why = error.message();
   if (error.value() == ENODEV) why = "no such CAN interface (ip link show type vcan, type can)";
   if (error.value() == ENETDOWN) why = "the interface is down (ip link set up " + interface + ")";
+  if (error.value() == EMSGSIZE)
+    why = "the interface carries classic frames only, and these drives speak CAN FD (vcan: ip link set " +
+          interface + " mtu 72; can: ip link set " + interface + " type can ... dbitrate 5000000 fd on)";
   if (error.value() == EAFNOSUPPORT || error.value() == EPROTONOSUPPORT)
     why = "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan";
   refuse("--bus socketcan:{}: {}", interface, why);
 }
 
-HostBus open_slcan(const std::string& endpoint, int bit_rate) {
+HostBus open_slcan(const std::string& endpoint, int bit_rate, bool fd) {
+  if (fd)
+    refuse(
+        "--bus slcan:{}: slcan carries classic frames only, and these drives speak CAN FD: take "
+        "socketcan:INTERFACE",
+        endpoint);
   const int speed = hal::slcan_speed(bit_rate);
   if (speed < 0)
     refuse(
@@ -50,17 +58,17 @@ HostBus open_slcan(const std::string& endpoint, int bit_rate) {
 
 }  // namespace
 
-HostBus open_bus(const std::string& bus, int bit_rate) {
+HostBus open_bus(const std::string& bus, int bit_rate, bool fd) {
   if (const std::string interface = behind(socketcan, bus); !interface.empty())
-    return open_socketcan(interface);
+    return open_socketcan(interface, fd);
   if (const std::string endpoint = behind(slcan, bus); !endpoint.empty())
-    return open_slcan(endpoint, bit_rate);
+    return open_slcan(endpoint, bit_rate, fd);
   refuse_form(bus);
 }
 
-BusEnds open_both_ends(const std::string& bus, int bit_rate) {
+BusEnds open_both_ends(const std::string& bus, int bit_rate, bool fd) {
   const std::string endpoints = behind(slcan, bus);
-  if (endpoints.empty()) return {open_bus(bus, bit_rate), open_bus(bus, bit_rate)};
+  if (endpoints.empty()) return {open_bus(bus, bit_rate, fd), open_bus(bus, bit_rate, fd)};
   const std::size_t comma = endpoints.find(',');
   const std::string plant = endpoints.substr(0, comma),
                     control = comma == std::string::npos ? "" : endpoints.substr(comma + 1);
@@ -69,7 +77,7 @@ BusEnds open_both_ends(const std::string& bus, int bit_rate) {
         "--bus {}: hil is two nodes, and an adapter is one: slcan:PLANT,CONTROLLER names two adapters on one "
         "cable; with one, run esmc plant or esmc controller on it",
         bus);
-  return {open_slcan(plant, bit_rate), open_slcan(control, bit_rate)};
+  return {open_slcan(plant, bit_rate, fd), open_slcan(control, bit_rate, fd)};
 }
 
 bool carries_real_drives(const std::string& bus) {

@@ -7,6 +7,7 @@
 
 #include "firmware/drive/canopen.hpp"
 #include "firmware/drive/mit.hpp"
+#include "firmware/drive/moteus.hpp"
 #include "firmware/drive/odrive.hpp"
 #include "host_sim/bus/wire.hpp"
 
@@ -32,14 +33,17 @@ std::optional<double> fixed_point(double from, double limit, const F& f) {
 /// Rounding must not turn a whole number of periods into one more.
 double arrivals(double window, double period) { return std::ceil(window / period - 1e-9); }
 
+/// `fast`: of CAN FD, time of a bit of its data; 0: a classic frame.
 BusMessage message(std::string name, std::uint32_t id, std::uint32_t size, double period, Role role,
-                   bool extended = false) {
+                   bool extended = false, double fast = 0.0) {
   hal::CanFrame f;
   f.id = id;
   f.extended = extended;
-  const std::uint32_t least = (extended ? 54 : 34) + 8 * size + trailer_bits;
-  return {std::move(name), id,  extended, arbitration(f), worst_bits(size, extended), least,
-          period,          0.0, role};
+  const bool fd = fast > 0.0;
+  const std::uint32_t least = fd ? fd_bits(size, extended, fast, false) - interframe_bits
+                                 : (extended ? 54 : 34) + 8 * size + trailer_bits;
+  const std::uint32_t most = fd ? fd_bits(size, extended, fast, true) : worst_bits(size, extended);
+  return {std::move(name), id, extended, arbitration(f), most, least, period, 0.0, role};
 }
 
 constexpr double beats_per_s = 100.0;  // of every emulated drive
@@ -90,8 +94,23 @@ void add_mit(const Scene& s, double tick, std::vector<BusMessage>& out) {
   }
 }
 
-/// A supervisor computer's, where there is one: docs/esmc.dbc.
-void add_link(const CommandScene& c, int motors, double tick, std::vector<BusMessage>& out) {
+void add_moteus(const Scene& s, double tick, std::vector<BusMessage>& out) {
+  namespace wire = drive::moteus;
+  for (const int n : s.drives.nodes) {
+    const auto node = static_cast<std::uint32_t>(n);
+    const std::uint32_t reply = node << 8U, torque = wire::reply_wanted | node;
+    out.push_back(message(fmt::format("reply {}", node), reply, wire::reply_size, tick, Role::sample,
+                          reply > 0x7FF, s.fast_bit()));
+    out.push_back(message(fmt::format("torque {}", node), torque, wire::torque_size, tick, Role::command,
+                          true, s.fast_bit()));
+  }
+}
+
+/// A supervisor computer's, where there is one: docs/esmc.dbc. The controller sends one of them in a tick at
+/// most, so that those of a set come in ticks of their own.
+void add_link(const CommandScene& c, int motors, double tick, double bits_per_s,
+              std::vector<BusMessage>& out) {
+  constexpr double table_frames = 4.0;  // table, counters, identity and slots, once a second
   const auto add = [&](const char* what, std::uint32_t offset, double ticks) {
     if (ticks > 0.0) {
       out.push_back(
@@ -103,7 +122,7 @@ void add_link(const CommandScene& c, int motors, double tick, std::vector<BusMes
     add("stream velocity", 0x03, 1);
   }
   add("status", 0x10, c.status_ticks);
-  // One of a set in a tick.
+  add("table", 0x14, std::max(1.0, bits_per_s / tick / table_frames));
   const double ticks = c.telemetry_ticks;
   add("telemetry", 0x16, ticks > 0.0 ? std::max(1.0, ticks / (2 + motors)) : 0.0);
 }
@@ -196,10 +215,12 @@ std::vector<BusMessage> bus_messages(const Scene& s) {
     add_cia402(s, tick, beat, out);
   } else if (s.drives.protocol == Protocol::mit) {
     add_mit(s, tick, out);
+  } else if (s.drives.protocol == Protocol::moteus) {
+    add_moteus(s, tick, out);
   } else {
     add_odrive(s, tick, beat, out);
   }
-  if (s.command) add_link(*s.command, s.motors(), tick, out);
+  if (s.command) add_link(*s.command, s.motors(), tick, s.bitrate, out);
   if (const auto b = find_effect<BabblingNode>(s.effects)) {
     out.push_back(message("babbling_node", b->identifier, static_cast<std::uint32_t>(b->size),
                           s.bitrate / b->rate_hz, Role::other, b->extended));
@@ -212,14 +233,16 @@ BusAnalysis analyse_bus(const Scene& scene) {
   std::vector<BusMessage> all = bus_messages(scene);
   const double bit = 1.0 / scene.bitrate;
   BusAnalysis out;
-  double frames = 0.0;
+  double frames = 0.0, foreign = 0.0;
   for (const BusMessage& m : all) {
     out.load += m.bits / m.period;
+    if (m.name == "babbling_node") foreign += m.bits / m.period;
     if (scene.drives.protocol == Protocol::cia402 && (m.role == Role::sample || m.name == "sync"))
       out.answers_s += m.bits * bit;
     if (m.name != "babbling_node") frames += m.bits;
   }
   const auto whole = whole_tick(all, scene.tick() * scene.bitrate);
+  out.rate_max_hz = std::floor(std::max(0.0, 1.0 - foreign) / (frames * bit));
   out.tick_s = whole.value_or(frames) * bit;
   const auto latest = settle_jitter(all, whole, 5.0 * scene.tick() * scene.bitrate);
   double slowest = 0.0;

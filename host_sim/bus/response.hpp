@@ -45,6 +45,7 @@ struct BusAnalysis {
   };
   std::vector<Message> messages;
   double load = 0.0;
+  double rate_max_hz = 0.0;      ///< largest control.rate_hz at which all frames of a tick fit into it
   double tick_s = 0.0;           ///< all frames that one tick may have, one after the other
   std::optional<double> loop_s;  ///< from the tick's samples to its last torque
   double answers_s = 0.0;        ///< SYNC and its answers, with nothing else on the bus; 0 without SYNC

@@ -21,6 +21,7 @@ void for_each_node(std::uint32_t nodes, const F& f) {
 
 TimedBus::TimedBus(const Config& c)
     : bitrate_(c.bitrate),
+      fast_bit_(c.fast_bit),
       timed_(find_effect<BitTiming>(c.effects).has_value()),
       loss_(find_effect<Loss>(c.effects)),
       duplication_(find_effect<Duplication>(c.effects)),
@@ -82,7 +83,7 @@ ErrorCounters TimedBus::counters(std::size_t node) {
 }
 
 hal::SendStatus TimedBus::send(std::size_t node, const hal::CanFrame& f) {
-  if (!hal::well_formed(f) || f.fd) return hal::SendStatus::refused;
+  if (!hal::well_formed(f) || (f.fd && fast_bit_ == 0.0)) return hal::SendStatus::refused;
   Node& n = nodes_[node];
   if (!online(node) || n.queue.size() == queue_frames) {
     ++counts_.refused;
@@ -185,7 +186,7 @@ void TimedBus::start() {
   Time collision = 0;
   if (std::popcount(contenders) > 1) collision = settle_collision(f);
   f.what = *front(nodes_[static_cast<std::size_t>(std::countr_zero(f.senders))]);
-  f.bits = exact_bits(f.what.frame);
+  f.bits = exact_bits(f.what.frame, fast_bit_);
   const Time length = f.bits - interframe_bits;
   f.end = now_ + (timed_ ? length : 0);
   const bool disturbed =
@@ -230,7 +231,7 @@ TimedBus::Time TimedBus::settle_collision(Flight& f) {
     }
     if (flag) {
       f.outcome = Outcome::collided;
-      return bit + 1;
+      return wire.front().until(bit, fast_bit_);
     }
     f.losers |= recessive;
     f.senders &= ~recessive;

@@ -1,5 +1,5 @@
 #pragma once
-/// A classic CAN bus in virtual time: arbitration, error counters and bus-off after ISO 11898-1, and the
+/// A CAN bus in virtual time: arbitration, error counters and bus-off after ISO 11898-1, and the
 /// disturbances of a scene. The caller moves time. Deterministic for a seed.
 
 #include <cstddef>
@@ -51,6 +51,7 @@ class TimedBus {
     double bitrate = 1e6;    ///< bit/s
     std::vector<Effect> effects;
     std::uint64_t seed = 1;
+    double fast_bit = 0.0;  ///< time of a bit of CAN FD data, in bit times; 0: the bus is classic
   };
   struct Delivery {
     Time at = 0;                  ///< last bit of the frame; its interframe space follows
@@ -84,8 +85,8 @@ class TimedBus {
     latency_.clear();
   }
 
-  /// Asks `node` to send; the frame waits behind those of the same identifier. refused: ill-formed or CAN FD;
-  /// bus_off; bus_full: its queue is full or the node cut off.
+  /// Asks `node` to send; the frame waits behind those of the same identifier. refused: ill-formed, or CAN FD
+  /// on a classic bus; bus_off; bus_full: its queue is full or the node cut off.
   hal::SendStatus send(std::size_t node, const hal::CanFrame& f);
   /// Moves time to the end of the next frame, which it returns; if none ends by `until`, to `until`: empty.
   std::optional<Delivery> next(Time until);
@@ -141,7 +142,7 @@ class TimedBus {
   void account(const Pending& p);
   void corrupt(hal::CanFrame& f);
 
-  double bitrate_;
+  double bitrate_, fast_bit_;
   bool timed_;
   std::optional<Loss> loss_;
   std::optional<Duplication> duplication_;

@@ -3,7 +3,7 @@
 namespace esmc::host {
 namespace {
 
-/// Takes the bits of a frame in order: keeps the CRC over them and puts the stuff bits in.
+/// Takes the bits of a frame in order: keeps the classic CRC over them and puts the stuff bits in.
 class Writer {
  public:
   void put(std::uint32_t value, int bits) {
@@ -20,6 +20,14 @@ class Writer {
     for (unsigned i = 15; i-- > 0;) send(((crc >> i) & 1U) != 0);
     return out_;
   }
+  /// For a frame that goes on with a fixed stuff bit, which takes the place of one that is due here.
+  [[nodiscard]] const WireFrame& finish_at_fixed_bit() {
+    const std::uint32_t due = stuffed_last_ ? 1 : 0;
+    out_.size -= due;
+    out_.stuffed -= due;
+    return out_;
+  }
+  void switch_rate() { out_.slow = out_.size; }
 
  private:
   void append(bool bit) { out_.bit[out_.size++] = bit; }
@@ -27,6 +35,7 @@ class Writer {
     append(bit);
     run_ = bit == last_ ? run_ + 1 : 1;
     last_ = bit;
+    stuffed_last_ = run_ == 5;
     if (run_ < 5) return;
     append(!bit);  // also behind the last bit of the CRC
     ++out_.stuffed;
@@ -38,12 +47,32 @@ class Writer {
   std::uint32_t crc_ = 0;
   int run_ = 0;
   bool last_ = true;  // idle
+  bool stuffed_last_ = false;
 };
+
+WireFrame fd_on_the_wire(const hal::CanFrame& f, Writer& w) {
+  w.put(false);  // start of frame
+  w.put(f.extended ? f.id >> 18U : f.id, 11);
+  if (f.extended) {
+    w.put(0b11, 2);  // SRR, IDE
+    w.put(f.id & 0x3'FFFFU, 18);
+    w.put(0b010, 3);  // RRS, FDF, res
+  } else {
+    w.put(0b0010, 4);  // RRS, IDE, FDF, res
+  }
+  w.put(f.bit_rate_switch);
+  if (f.bit_rate_switch) w.switch_rate();
+  w.put(false);  // ESI: error active
+  w.put(hal::can_fd_code(f.size), 4);
+  for (const std::uint8_t byte : f.payload()) w.put(byte, 8);
+  return w.finish_at_fixed_bit();
+}
 
 }  // namespace
 
 WireFrame on_the_wire(const hal::CanFrame& f) {
   Writer w;
+  if (f.fd) return fd_on_the_wire(f, w);
   w.put(false);  // start of frame
   if (f.extended) {
     w.put(f.id >> 18U, 11);

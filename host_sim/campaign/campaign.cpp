@@ -103,6 +103,7 @@ const std::vector<DriveVariant>& drive_variants() {
       {"mit", {"drives.dialect=mini_cheetah", turns, speeds}},
       {"mit", {"drives.dialect=cubemars", mismatch, at_once, turns, speeds}},
       {"mit", {"drives.dialect=damiao", mismatch, at_once, turns, speeds}},
+      {"moteus", {mismatch, at_once}},
   };
   return list;
 }
@@ -140,8 +141,8 @@ class Campaign {
       for (const Variant& v : variants()) add(o, d, v);
     }
     if (runners_.empty()) {
-      throw InputError(
-          "", "--protocol " + printable(o.protocol) + ": allowed are odrive, odrive_0.5, cia402, mit");
+      throw InputError("", "--protocol " + printable(o.protocol) +
+                               ": allowed are odrive, odrive_0.5, cia402, mit, moteus");
     }
   }
   [[nodiscard]] EpisodeResult run(std::uint64_t seed, EpisodeTrace* trace = nullptr) const {

@@ -129,7 +129,7 @@ class EpisodeLoop {
         traits_(protocol_traits(kind.scene_.drives.protocol)),
         plant_(make_motion<Traits>(kind.scene_), kind.scene_, kind.defective(injection.kind()), injection,
                traits_),
-        bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate),
+        bus_(injection, traits_, plant_.nodes(), kind.scene_.bitrate, kind.scene_.fast_bit()),
         cycle_(kind.cycle_),
         foreign_(foreign_command(traits_, kind.scene_, injection)) {
     if (kind.times_.link_ticks > 0) computer_.emplace(kind.scene_);

@@ -79,9 +79,10 @@ hal::CanFrame FaultyBus::mangled(hal::CanFrame f) {
       f.remote = true;
       break;
     case Injected::flexible_rate:
-      f.fd = true;
-      f.bit_rate_switch = which == 0;
-      if (choice % 4 > 1) f.size = hal::can_fd_size_max;
+      f.fd = !f.fd;  // of a drive that speaks CAN FD: a classic frame
+      f.bit_rate_switch = f.fd && which == 0;
+      if (!f.fd) f.size = std::min(f.size, hal::can_classic_size_max);
+      if (f.fd && choice % 4 > 1) f.size = hal::can_fd_size_max;
       break;
     case Injected::extended:
       f.extended = true;
@@ -105,8 +106,8 @@ void FaultyBus::inject_foreign_frames() {
   if (!active_ || injection_->kind() != Injected::flood) return;
   for (int n = 0; n < static_cast<int>(injection_->amount); ++n) {
     hal::CanFrame f;
-    f.id = static_cast<std::uint32_t>(draw_.below(16));
-    f.extended = true;  // no drive protocol here uses 29-bit identifiers
+    f.id = 0x1FFF'0000U + static_cast<std::uint32_t>(draw_.below(16));  // no drive here answers to these
+    f.extended = true;
     f.size = static_cast<std::uint8_t>(draw_.below(9));
     up(f);
   }
@@ -126,7 +127,7 @@ hal::SendStatus FaultyBus::try_send(const hal::CanFrame& f) {
   if (active_ && kind == Injected::controller_bus_off) return hal::SendStatus::bus_off;
   if (active_ && (kind == Injected::babbling || kind == Injected::queue_full))
     return hal::SendStatus::bus_full;
-  ms_ += worst_bits(f.size) / bits_per_ms_;
+  ms_ += worst_bits(f, fast_bit_) / bits_per_ms_;
   const bool lost = active_ && (kind == Injected::commands_lost ||
                                 (kind == Injected::scattered_loss && draw_.uniform() < injection_->amount) ||
                                 (kind == Injected::torque_lost && traits_->is_torque(f, node())));

@@ -15,14 +15,16 @@ namespace esmc::host {
 
 class FaultyBus {
  public:
-  /// `nodes` of the drives, motors first; all references outlive the bus. `bitrate`: bit/s.
+  /// `nodes` of the drives, motors first; all references outlive the bus. `bitrate`: bit/s; `fast_bit`: time
+  /// of a bit of CAN FD data, in bit times.
   FaultyBus(const Injection& injection, const ProtocolTraits& traits, const std::vector<int>& nodes,
-            double bitrate = 1e6)
+            double bitrate = 1e6, double fast_bit = 1.0)
       : injection_(&injection),
         traits_(&traits),
         nodes_(&nodes),
         draw_(injection.bits),
-        bits_per_ms_(bitrate / 1e3) {}
+        bits_per_ms_(bitrate / 1e3),
+        fast_bit_(fast_bit) {}
 
   /// Begins a tick. `active`: the fault acts in this tick.
   void begin_tick(bool active);
@@ -66,7 +68,7 @@ class FaultyBus {
   const ProtocolTraits* traits_;
   const std::vector<int>* nodes_;
   Draw draw_;
-  double bits_per_ms_;
+  double bits_per_ms_, fast_bit_;
   bool active_ = false;
   std::uint64_t tick_ = 0;
   double ms_ = 0.0;

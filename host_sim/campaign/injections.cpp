@@ -238,6 +238,7 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
   const bool mute = row.kind == Injected::babbling || row.kind == Injected::controller_bus_off;
   i.safe_ms = mute ? t.watchdog_ms : i.notice_ticks * tick_ms + std::max(tick_ms, t.frames_ms);
   if (row.kind == Injected::foreign_controller) i.safe_ms += traits.ticks_to_let_go * tick_ms;
+  if (row.kind == Injected::foreign_controller && traits.torque_arms) i.safe_ms += i.length * tick_ms;
   if (starves(row.kind))
     i.watch_ticks = std::max(i.watch_ticks, static_cast<int>(std::ceil(t.watchdog_ms / tick_ms)));
   // After the loss of the computer the mechanism comes to rest under control, with torque until then.

@@ -6,6 +6,7 @@
 #include "firmware/drive/canopen.hpp"
 #include "firmware/drive/cia402.hpp"
 #include "firmware/drive/mit.hpp"
+#include "firmware/drive/moteus.hpp"
 #include "firmware/drive/odrive.hpp"
 
 namespace esmc::host {
@@ -160,10 +161,67 @@ constexpr ProtocolTraits mit_traits{
     .remote_is_nothing = true,
 };
 
+// ---- moteus ----
+
+namespace moteus = drive::moteus;
+
+constexpr ProtocolTraits moteus_traits{
+    .is_sample = [](const Frame&, int) { return true; },
+    .is_torque = [](const Frame& f, int node) { return f.id == (moteus::reply_wanted | node_bits(node)); },
+    .wrong_size = [](const Frame&, std::uint64_t any) { return static_cast<std::uint8_t>(1U + any % 16U); },
+    .put_number =
+        [](Frame& f, int which, float value) {  // a reply begins with the mode and a row of three numbers
+          hal::put_field(f, which == 0 ? 5 : 9, std::bit_cast<std::uint32_t>(value), 4);
+        },
+    .disarm =
+        [](int node) {
+          Frame f;
+          moteus::put_query(f, node_id(node), true);
+          return Frames{f};
+        },
+    // A stop position together with a limit of the speed is refused with fault 45.
+    .fail =
+        [](int node) {
+          using enum moteus::Kind;
+          Frame f;
+          moteus::Builder b(f, node_bits(node));
+          b.begin(write, moteus::Type::i8, 1, moteus::reg::mode);
+          b.value(moteus::Type::i8, moteus::mode_position);
+          b.begin(write, moteus::Type::i8, 1, moteus::reg::stop_position);
+          b.value(moteus::Type::i8, 0);
+          b.begin(write, moteus::Type::i8, 1, moteus::reg::velocity_limit);
+          b.value(moteus::Type::i8, 1);
+          b.pad();
+          return Frames{f};
+        },
+    .foreign_torque =
+        [](const Scene& s, std::size_t motor, double torque) {
+          Frame f;
+          moteus::put_torque(f, node_id(s.drives.nodes[motor]), static_cast<float>(shaft(s, motor, torque)),
+                             {.torque = 30'000, .time = 100}, false);
+          return f;
+        },
+    .foreign_command =
+        [](int node, unsigned choice) {
+          Frame f;
+          if (choice % 2 == 0) {
+            moteus::put_query(f, node_id(node), true);
+          } else {
+            moteus::put_torque(f, node_id(node), 0.0F, {.torque = 1, .time = 100}, true);
+          }
+          return f;
+        },
+    .torque_step = [](const Scene&, std::size_t) { return 0.0; },
+    .torque_arms = true,
+    .samples_on_demand = true,
+    .remote_is_nothing = true,
+};
+
 }  // namespace
 
 const ProtocolTraits& protocol_traits(Protocol p) {
   if (p == Protocol::cia402) return cia402_traits;
+  if (p == Protocol::moteus) return moteus_traits;
   return p == Protocol::mit ? mit_traits : odrive_traits;
 }
 

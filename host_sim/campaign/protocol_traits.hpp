@@ -33,6 +33,9 @@ struct ProtocolTraits {
   int ticks_to_let_go = 0;      ///< more, until a drive that is told to leave torque control has done so
   /// The controller's frame that feeds the watchdogs; null: a command to the drive.
   bool (*is_sign_of_life)(const Scene&, const Frame&) = nullptr;
+  /// A torque command alone brings a stopped drive into torque control: another controller's torque acts as
+  /// long as it sends.
+  bool torque_arms = false;
   bool samples_on_demand = false;  ///< drives send a sample when the controller requests it
   bool remote_is_nothing = false;  ///< a remote frame with the identifier of a sample is ignored
 };

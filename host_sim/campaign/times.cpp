@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "firmware/drive/moteus.hpp"
 #include "host_sim/bus/wire.hpp"
 
 namespace esmc::host {
@@ -11,10 +12,17 @@ namespace {
 
 constexpr double beat = 0.01;  // s: the emulated drives', and what a CiA 402 drive is set to
 
-/// s; a CiA 402 drive counts whole ms.
+/// s; a CiA 402 drive and a moteus count whole ms.
 double time_out(const Scene& s) {
   const double t = s.drives.watchdog_timeout;
-  return s.drives.protocol == Protocol::cia402 ? 1e-3 * std::ceil(1e3 * t - 1e-9) : t;
+  const bool whole = s.drives.protocol == Protocol::cia402 || s.drives.protocol == Protocol::moteus;
+  return whole ? 1e-3 * std::ceil(1e3 * t - 1e-9) : t;
+}
+
+/// Bit times of the longest frame of the controller.
+double longest_frame(const Scene& s) {
+  if (s.data_bitrate > 0) return fd_bits(drive::moteus::torque_size, true, s.fast_bit(), true);
+  return worst_bits(8);
 }
 
 // Drives count in ticks and allow half a tick of rounding; at exactly half a tick it may go either way.
@@ -36,7 +44,7 @@ EpisodeTimes episode_times(const Scene& s) {
   // A drive counts ticks from the one in which it was fed: up to a tick and a half more.
   t.watchdog_ms = ms * time_out(s) + 2.0 * ms * t.tick;
   t.frames_ms =
-      (2.0 * s.motors() - 1.0) * worst_bits(8) / (s.bitrate / ms);  // two for each motor, one for the last
+      (2.0 * s.motors() - 1.0) * longest_frame(s) / (s.bitrate / ms);  // two for each motor, one for the last
   t.jump = s.limits.feedback_jump > 0.0 ? s.limits.feedback_jump : s.limits.joint_speed * t.tick;
   t.steps_per_tick = std::max(1, static_cast<int>(std::ceil(t.tick / s.step - either_way)));
   const double lambda = std::max(s.lambda.position, s.lambda.angle);

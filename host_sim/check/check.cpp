@@ -73,7 +73,10 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
 
 Json bus_json(const BusAnalysis& bus) {
   const auto known = [](const std::optional<double>& v) { return v ? Json(*v) : Json(nullptr); };
-  Json j = {{"load", bus.load}, {"tick_frames_s", bus.tick_s}, {"worst_latency_s", known(bus.loop_s)}};
+  Json j = {{"load", bus.load},
+            {"rate_max_hz", bus.rate_max_hz},
+            {"tick_frames_s", bus.tick_s},
+            {"worst_latency_s", known(bus.loop_s)}};
   j["messages"] = Json::array();
   for (const BusAnalysis::Message& m : bus.messages) {
     j["messages"].push_back({{"name", m.name},
@@ -91,8 +94,9 @@ std::string bus_text(const BusAnalysis& bus) {
     return v ? fmt::format("{:.0f}", 1e6 * *v) : "no bound";
   };
   std::string out = fmt::format(
-      "bus: load {:.0f} %, frames of one tick take {} us at worst\nlatency at worst, us:", 100.0 * bus.load,
-      us(bus.tick_s));
+      "bus: load {:.0f} %, frames of one tick take {} us at worst, control.rate_hz up to {:.0f}\nlatency at "
+      "worst, us:",
+      100.0 * bus.load, us(bus.tick_s), bus.rate_max_hz);
   for (const BusAnalysis::Message& m : bus.messages) out += fmt::format(" {} {},", m.name, us(m.response_s));
   return out + fmt::format(" from sample to torque {}\n", us(bus.loop_s));
 }
@@ -104,11 +108,12 @@ struct Judgement {
   Findings findings;
 };
 
-/// Heartbeats are 10 ms apart, as they are asked of drives; in MIT mode every answer counts as one.
+/// Heartbeats are 10 ms apart, as they are asked of drives; in MIT mode and of a moteus every answer counts
+/// as one.
 void judge_heartbeats(const Scene& scene, Findings& f) {
   constexpr double period = 0.01, late = 0.1;
   const double timeout = scene.drives.heartbeat_timeout;
-  if (scene.drives.protocol == Protocol::mit) return;
+  if (scene.drives.protocol == Protocol::mit || scene.drives.protocol == Protocol::moteus) return;
   if (timeout < period) {
     f.warning(
         Code::heartbeat_timeout, "drives.heartbeat_timeout",
@@ -257,6 +262,10 @@ int run_check(const RunOptions& o) {
   if (out.wanted()) write_scene(scene, out);
   const std::string obstacle = bus_obstacle(scene).what;
   const Json j = report_json(scene, v, obstacle);
+  if (o.capture != nullptr) {
+    o.capture->document = document_text(j);
+    return v.findings.refused() ? 1 : 0;
+  }
   publish({"check", j, report_text(scene, v, obstacle),
            [&] { return check_page(o, scene, j, headline(v.findings, obstacle), v.findings, log); }},
           o.json, out);

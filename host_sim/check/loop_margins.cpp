@@ -175,6 +175,10 @@ int run_margins(const RunOptions& o) {
                    {"worst", margins_json(worst)}};
   j["poses"] = MarginsJson::array();
   for (const LoopMargins& m : all) j["poses"].push_back(margins_json(m));
+  if (o.capture != nullptr) {
+    o.capture->document = document_text(j);
+    return 0;
+  }
   if (out.wanted()) {
     write_scene(scene, out);
     out.write("margins.json", document_text(j));

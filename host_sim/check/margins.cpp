@@ -41,21 +41,13 @@ FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
       truth.legs[j].asymmetry2 = f->asymmetry[2 * j + 1];
     }
   }
-  truth.m0 += payload;
-  if (LegParams<double>& bar = truth.legs[0]; scene.type == MechanismType::rr && payload > 0.0) {
-    const double mass = bar.m2 + payload, centre = (bar.m2 * bar.lg2 + payload * bar.l2) / mass;
-    const double own = bar.lg2 - centre, load = bar.l2 - centre;
-    bar.J2 += bar.m2 * own * own + payload * load * load;
-    bar.m2 = mass;
-    bar.lg2 = centre;
-  }
   if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
     for (std::size_t j = 0; j < 2; ++j) {
       truth.legs[j].d1 = f->coefficient[2 * j];
       truth.legs[j].d2 = f->coefficient[2 * j + 1];
     }
   }
-  return truth;
+  return with_payload(truth, scene.type == MechanismType::rr, payload);
 }
 
 /// A controller that allocates torques as the scene's does; without a closed loop, of motors without limits.

@@ -21,6 +21,7 @@
 #include "host_sim/identify/identify.hpp"
 #include "host_sim/live/live_api.hpp"
 #include "host_sim/loop/run.hpp"
+#include "host_sim/operate/operate.hpp"
 #include "host_sim/record/compare.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/scene/key.hpp"
@@ -38,6 +39,18 @@ void add_run_options(CLI::App& c, RunOptions& o) {
   add_out(c, o.out, "scene.toml, summary.json, log.csv, report.html");
   add_json(c, o.json);
   add_seed(c, o.seed, "of the random effects; the same seed gives the same run");
+}
+void add_log(CLI::App& c, RunOptions& o) {
+  c.add_option_function<std::string>(
+       "--log", [&npy = o.log.npy](const std::string& s) { npy = s == "npy"; },
+       "csv | npy: log.npy, which numpy.load reads, in the place of log.csv")
+      ->check(CLI::IsMember({"csv", "npy"}))
+      ->default_str("csv");
+  c.add_option("--log-every", o.log.every, "a row of the log at every so many ticks")
+      ->check(CLI::Range(1, 1'000'000'000))
+      ->capture_default_str();
+  c.add_option("--mcap", o.mcap, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
+      ->type_name("FILE");
 }
 void add_bus(CLI::App& c, RunOptions& o) {
   c.add_option("--bus", o.bus, bus_forms)->required();
@@ -196,11 +209,13 @@ void add_loops(Program& p) {
   const auto [sim, sim_options] =
       add(p, "sim", "closed loop in one process, torque applied directly", run_sim);
   add_run_options(sim, sim_options);
+  add_log(sim, sim_options);
 
   const auto [hil, hil_options] =
       add(p, "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other",
           run_hil);
   add_run_options(hil, hil_options);
+  add_log(hil, hil_options);
   hil.add_option("--bus", hil_options.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")
       ->capture_default_str();
   hil.add_flag("--realtime", hil_options.realtime, "wall-clock ticks instead of lockstep");
@@ -209,11 +224,13 @@ void add_loops(Program& p) {
   const auto [plant, plant_options] =
       add(p, "plant", "the drives' and the mechanism's end of hil, as a process of its own", run_plant);
   add_run_options(plant, plant_options);
+  add_log(plant, plant_options);
   add_bus(plant, plant_options);
 
   const auto [controller, controller_options] =
       add(p, "controller", "the controller's end of hil, as a process of its own", run_controller);
   add_run_options(controller, controller_options);
+  add_log(controller, controller_options);
   add_bus(controller, controller_options);
   controller.add_flag("--observe", controller_options.observe,
                       "listen only: show joints, effector, modes and ages; send nothing and arm nothing");
@@ -232,7 +249,7 @@ void add_drive(Program& p) {
   const auto [c, d] =
       add(p, "drive", "an emulated drive alone on a CAN interface, with a shaft of its own, in real time",
           run_drive);
-  c.add_option("--protocol", d.protocol, "odrive | odrive_0.5 | cia402 | mit")
+  c.add_option("--protocol", d.protocol, "odrive | odrive_0.5 | cia402 | mit | moteus")
       ->required()
       ->check(one_of(names_of<Protocol>));
   c.add_option("--bus", d.bus, bus_forms)->required();
@@ -261,6 +278,19 @@ void add_drive(Program& p) {
   c.footer(defects_text());
 }
 
+void add_operate(Program& p) {
+  const auto [c, o] =
+      add(p, "operate", "a console for a running controller: one command, or a prompt", run_operate);
+  c.add_option("BUS", o.bus, std::string(bus_forms) + " | INTERFACE")->required();
+  c.add_option("WORDS", o.words,
+               "[SCENE] [COMMAND ARGUMENT...]: the controller's scene file, and one of the commands below")
+      ->type_name("[SCENE] [COMMAND]");
+  add_sets(c, o.sets);
+  c.add_option("--bitrate", o.bit_rate, "of an slcan adapter without SCENE, bit/s")->capture_default_str();
+  add_json(c, o.json, "print the controller's status as one JSON document, and nothing else");
+  c.footer(operate_commands_text());
+}
+
 void add_scene_commands(Program& p) {
   const auto [check, check_options] =
       add(p, "check",
@@ -271,6 +301,14 @@ void add_scene_commands(Program& p) {
   add_out(check, check_options.out,
           "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
   add_json(check, check_options.json);
+
+  const auto [plan, plan_options] =
+      add(p, "plan",
+          "time the program of a scene: how long it takes, which limits it reaches, its path and torques",
+          run_plan, Signals::end);
+  add_scene(plan, plan_options);
+  add_out(plan, plan_options.out, "plan.json, path.csv, report.html, scene.toml");
+  add_json(plan, plan_options.json);
 
   const auto [loop, loop_options] =
       add(p, "margins",
@@ -490,6 +528,7 @@ void add_commands(Program& p) {
   add_init_and_eval(p);
   add_loops(p);
   add_drive(p);
+  add_operate(p);
   add_scene_commands(p);
   add_accuracy(p);
   add_campaign(p);

@@ -110,6 +110,7 @@ inline void add_sets(CLI::App& c, std::vector<std::string>& sets) {
   c.add_option("--set", sets, "section.key=value in place of the scene's; may be repeated")
       ->type_name("KEY=VALUE")
       ->expected(1)
+      ->allow_extra_args(false)
       ->take_all();
 }
 inline void add_scene(CLI::App& c, RunOptions& o, const std::string& file = "scene file (TOML); - is stdin") {

@@ -233,6 +233,16 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i) {
   return s;
 }
 
+drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i) {
+  const DriveScene& d = scene.drives;
+  drive::MoteusAxis::Settings s;
+  s.torque_max = static_cast<float>(scene.torque_limit[i] / d.gear_ratio[i]);
+  s.watchdog = static_cast<float>(d.watchdog_timeout);
+  s.absolute = d.zero == Zero::absolute;
+  s.retry_ticks = std::max(3U, retry_ticks(scene));
+  return s;
+}
+
 template <class M>
 AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<typename M::Scalar>& reference) {
@@ -248,6 +258,10 @@ AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
     case Protocol::mit:
       return config_of<MitCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
         return drive::MitAxis(mount(scene, i), mit_settings(scene, i));
+      });
+    case Protocol::moteus:
+      return config_of<MoteusCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
+        return drive::MoteusAxis(mount(scene, i), moteus_settings(scene, i));
       });
   }
   return config_of<OdriveCycle<M>>(scene, pacing, reference, [&](std::size_t i) {
@@ -268,8 +282,10 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing,
           return OdriveCycle<M>(c);
         } else if constexpr (std::is_same_v<Config, typename Cia402Cycle<M>::Config>) {
           return Cia402Cycle<M>(c);
-        } else {
+        } else if constexpr (std::is_same_v<Config, typename MitCycle<M>::Config>) {
           return MitCycle<M>(c);
+        } else {
+          return MoteusCycle<M>(c);
         }
       },
       make_cycle_config<M>(scene, pacing, reference));

@@ -26,6 +26,7 @@ struct OdriveSettings {
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
 drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
 drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
+drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
 
 /// Ticks within which an ODrive's starved watchdog must trip and its heartbeat must report that.
 [[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {
@@ -45,10 +46,10 @@ drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 
 /// The cycle as a board has it, for the protocol of the scene; and its configuration.
 template <class M>
-using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>>;
+using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>, MoteusCycle<M>>;
 template <class M>
 using AnyCycleConfig = std::variant<typename OdriveCycle<M>::Config, typename Cia402Cycle<M>::Config,
-                                    typename MitCycle<M>::Config>;
+                                    typename MitCycle<M>::Config, typename MoteusCycle<M>::Config>;
 
 /// The configuration, with one axis per motor and passive encoder. `reference` must outlive the configuration
 /// and the cycle. Throws InputError like make_controller(). In real time each call draws another session.

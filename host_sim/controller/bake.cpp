@@ -10,7 +10,7 @@ namespace {
 using bake::text;
 
 /// A table of points is kept in the image's memory.
-constexpr std::size_t segments_max = 64;
+constexpr std::size_t segments_max = 256;
 
 /// The firmware's types of an axis and of its settings.
 struct AxisTypes {
@@ -19,11 +19,13 @@ struct AxisTypes {
 AxisTypes types_of(const Scene& s) {
   if (s.drives.protocol == Protocol::cia402) return {"Cia402Axis", "Cia402Settings"};
   if (s.drives.protocol == Protocol::mit) return {"MitAxis", "MitAxis::Settings"};
+  if (s.drives.protocol == Protocol::moteus) return {"MoteusAxis", "MoteusAxis::Settings"};
   return {"OdriveAxis", "OdriveTable"};
 }
 std::string settings_text(const Scene& scene, Pacing pacing, std::size_t i) {
   if (scene.drives.protocol == Protocol::cia402) return text(cia402_settings(scene, i));
   if (scene.drives.protocol == Protocol::mit) return text(mit_settings(scene, i));
+  if (scene.drives.protocol == Protocol::moteus) return text(moteus_settings(scene, i));
   return text(odrive_settings(scene, pacing, i).table);
 }
 
@@ -92,6 +94,7 @@ std::string constants(const Scene& scene, Pacing pacing,
       "using Mechanism = {}<Scalar>;\n"
       "using Node = Cycle<Mechanism, drive::{}>;\n"
       "inline constexpr std::uint32_t bitrate = {};      // bit/s\n"
+      "inline constexpr std::uint32_t data_bitrate = {}; // bit/s of a CAN FD frame's data; 0: classic\n"
       "inline constexpr std::uint32_t period_ns = {};    // of a tick\n"
       "inline constexpr bool lockstep = {};              // a tick is a complete set of samples, and not a "
       "time\n"
@@ -105,7 +108,7 @@ std::string constants(const Scene& scene, Pacing pacing,
       "}}\n\n"
       "}}  // namespace esmc::baked\n",
       std::is_same_v<S, float> ? "float" : "double", M::joints == 4 ? "FiveBar" : "Rr", types_of(scene).axis,
-      static_cast<std::uint32_t>(scene.bitrate),
+      static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(scene.data_bitrate),
       static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
       armed_by_link(scene), M::joints == 4 ? "FiveBar" : "Rr",
       text(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,

@@ -58,6 +58,8 @@ inline constexpr int members<drive::OdriveCheck> = 4;
 template <>
 inline constexpr int members<drive::OdriveTable> = 4;
 template <>
+inline constexpr int members<drive::MoteusAxis::Settings> = 4;
+template <>
 inline constexpr int members<drive::Cia402Settings> = 14;
 template <class S>
 inline constexpr int members<Range<S>> = 2;

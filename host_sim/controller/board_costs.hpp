@@ -12,11 +12,12 @@ struct Board {
   bool single_precision;
   double clock_hz;
   double flash, ram;              ///< bytes: boards/NAME/memory.ld
-  double image_flash, image_ram;  ///< bytes of an image without optional parts, at most; stack included
+  double image_flash, image_ram;  ///< bytes that an image without optional parts takes; stack included
 };
-/// `ctest -R boards.image` holds the images to image_flash and image_ram.
+/// image_flash and image_ram are measured, and rounded up: `ctest -R boards.image` fails where an image takes
+/// more than is said here. An image may grow up to the share of the memory that budget_excess() allows.
 inline constexpr Board boards[] = {
-    {"nucleo_g474re", true, 170e6, 262144, 98304, 73728, 16384},
+    {"nucleo_g474re", true, 170e6, 262144, 98304, 90112, 24576},
     {"nucleo_h743zi2", false, 400e6, 1048576, 131072, 131072, 65536},
 };
 
@@ -29,34 +30,34 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3085, 0},
-    {"esmc_projected", 2929, 0},
-    {"smc", 2863, 0},
-    {"ctc", 2822, 0},
-    {"pd", 2410, 0},
-    {"super_twisting", 2338, 3224},
-    {"implicit_coupled", 11255, 5936},
-    {"elbow_rotors", 198, 280},
-    {"momentum_observer", 1850, 3592},
-    {"predictor", 4197, 3744},
+    {"esmc", 3093, 0},
+    {"esmc_projected", 2938, 0},
+    {"smc", 2872, 0},
+    {"ctc", 2831, 0},
+    {"pd", 2420, 0},
+    {"super_twisting", 2297, 3264},
+    {"implicit_coupled", 11115, 5800},
+    {"elbow_rotors", 200, 288},
+    {"momentum_observer", 1797, 3592},
+    {"predictor", 3982, 3760},
     {"closure_projection", 2569, 2432},
-    {"four_motors", 4296, 9632},
+    {"four_motors", 4303, 9632},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4458, 0},
-    {"esmc_projected", 3842, 0},
-    {"smc", 3454, 0},
-    {"ctc", 3409, 0},
-    {"pd", 2810, 0},
-    {"super_twisting", 3318, 3504},
-    {"implicit_coupled", 11642, 5152},
-    {"elbow_rotors", 202, 280},
-    {"momentum_observer", 2890, 3584},
-    {"predictor", 5990, 3040},
-    {"closure_projection", 2993, 1912},
-    {"four_motors", 4148, 9232},
+    {"esmc", 4113, 0},
+    {"esmc_projected", 3686, 0},
+    {"smc", 3462, 0},
+    {"ctc", 3417, 0},
+    {"pd", 2812, 0},
+    {"super_twisting", 2799, 3216},
+    {"implicit_coupled", 11215, 4968},
+    {"elbow_rotors", 203, 280},
+    {"momentum_observer", 2710, 3584},
+    {"predictor", 5302, 3048},
+    {"closure_projection", 2995, 1912},
+    {"four_motors", 4151, 9232},
     // <!-- /costs mps2-an500 -->
 };
 

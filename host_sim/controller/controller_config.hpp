@@ -39,6 +39,8 @@ ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 /// The controller's belief: the scene's `believed`, or else the true mechanism, times the factors of
 /// [control.model], with its friction; with friction = "exact" that of the effects.
 FiveBarParams<double> believed_mechanism(const Scene& scene);
+/// A mechanism with a point mass, kg, at its effector; `arm`: an RR, whose distal bar then has it.
+FiveBarParams<double> with_payload(FiveBarParams<double> p, bool arm, double payload);
 /// Whether l1, l2 and l0 of both are equal to the last bit, and so all poses.
 [[nodiscard]] bool same_lengths(const FiveBarParams<double>& a, const FiveBarParams<double>& b);
 

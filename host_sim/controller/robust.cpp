@@ -6,6 +6,7 @@
 #include <mutex>
 #include <numbers>
 
+#include "host_sim/controller/numbers.hpp"
 #include "host_sim/error.hpp"
 
 namespace esmc::host {
@@ -144,24 +145,6 @@ void over_workspace(const Scene& scene, Problem<M>& p) {
       if (within) p.points.push_back({0.0, there, there});
     }
   }
-}
-
-void append(std::vector<double>& to, double v) { to.push_back(v); }
-template <class E>
-requires std::is_enum_v<E>
-void append(std::vector<double>& to, E v) { to.push_back(static_cast<double>(v)); }
-template <class Vector>
-void append(std::vector<double>& to, const Eigen::MatrixBase<Vector>& v) {
-  for (int i = 0; i < v.size(); ++i) to.push_back(v[i]);
-}
-void append(std::vector<double>& to, const Interval& i) { to.insert(to.end(), {i.lower, i.upper}); }
-void append(std::vector<double>& to, const LegParams<double>& leg) {
-  const auto& [l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2, a1, a2, rotor] = leg;
-  to.insert(to.end(), {l1, l2, lg1, lg2, m1, m2, J1, J2, d1, d2, g1, g2, a1, a2, rotor});
-}
-template <class... T>
-void put(std::vector<double>& to, const T&... value) {
-  (append(to, value), ...);
 }
 
 /// All numbers that a design depends on: equal lists, equal designs.

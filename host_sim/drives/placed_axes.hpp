@@ -9,6 +9,7 @@
 
 #include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/mit_axis.hpp"
+#include "host_sim/drives/moteus_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -68,6 +69,15 @@ inline std::unique_ptr<EmulatedAxis> make_axis(const Scene& s, const PlacedAxis&
   const SensorEffects sensor(s.effects);
   if (s.drives.protocol == Protocol::mit && a.motor) {
     return std::make_unique<MitAxis>(a.mount, mit_settings(s, a.entry, lockstep), sensor, a.joint, s.seed);
+  }
+  if (s.drives.protocol == Protocol::moteus && a.motor) {
+    const double asked = s.torque_limit[a.entry] / s.drives.gear_ratio[a.entry];
+    return std::make_unique<MoteusAxis>(a.mount,
+                                        MoteusAxis::Settings{.period = s.tick(),
+                                                             .torque_max = std::max(10.0, 1.01 * asked),
+                                                             .realtime = !lockstep,
+                                                             .defects = s.drives.defects},
+                                        sensor, a.joint, s.seed);
   }
   if (s.drives.protocol == Protocol::cia402) {
     Cia402Axis::Settings settings;

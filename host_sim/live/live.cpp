@@ -111,7 +111,7 @@ int run_live(const LiveOptions& o) {
   const bool here = o.run.bus == "virtual";  // the controller
   const auto scene = read_live_scene(o.run);
   std::optional<HostBus> bus;
-  if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate));
+  if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate, scene->data_bitrate > 0));
   auto exchange = std::make_unique<Exchange>();
   LiveApi api(o.run, scene, *exchange);
   ServerOptions options;

@@ -84,6 +84,10 @@ class ControllerEnd {
   [[nodiscard]] bool heard() const {
     return with([](const auto& c) { return c.heard(); });
   }
+  /// Whether any drive has sent a frame that is not of its protocol.
+  [[nodiscard]] bool malformed() const {
+    return with([](const auto& c) { return c.counters().malformed > 0; });
+  }
   /// Whether more frames came since the last tick than a tick may read.
   [[nodiscard]] bool overloaded() const {
     return with([](const auto& c) { return c.overloaded(); });

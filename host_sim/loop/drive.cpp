@@ -9,6 +9,7 @@
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/drives/cia402_axis.hpp"
 #include "host_sim/drives/mit_axis.hpp"
+#include "host_sim/drives/moteus_axis.hpp"
 #include "host_sim/drives/odrive_axis.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/loop/waiting.hpp"
@@ -51,7 +52,11 @@ void check(const DriveOptions& o) {
     require(positive(value), name, value, "> 0 and <= 1e6");
   }
   const bool odrive = o.protocol.starts_with("odrive"), damiao = o.protocol == "mit" && o.dialect == "damiao";
-  const int low = odrive ? 0 : 1, high = odrive ? 62 : (o.protocol == "cia402" ? 127 : (damiao ? 15 : 255));
+  const int low = odrive ? 0 : 1, high = odrive                   ? 62
+                                         : o.protocol == "cia402" ? 127
+                                         : o.protocol == "moteus" ? 126
+                                         : damiao                 ? 15
+                                                                  : 255;
   if (o.node < low || o.node > high) {
     throw InputError("", fmt::format("--node {}: must be from {} to {} with --protocol {}", o.node, low, high,
                                      o.protocol));
@@ -76,6 +81,11 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
     s.realtime = true;
     s.defects = defects;
     return std::make_unique<MitAxis>(mount, s, ideal, 0, 1);
+  }
+  if (o.protocol == "moteus") {
+    const MoteusAxis::Settings s{
+        .period = 1.0 / o.rate_hz, .timeout = o.watchdog, .realtime = true, .defects = defects};
+    return std::make_unique<MoteusAxis>(mount, s, ideal, 0, 1);
   }
   if (o.protocol == "cia402") {
     Cia402Axis::Settings s;
@@ -212,7 +222,7 @@ std::string defects_text() {
 int run_drive(const DriveOptions& o) {
   check(o);
   const Defects defects = read_defects(o);
-  HostBus bus = open_bus(o.bus, o.bit_rate);
+  HostBus bus = open_bus(o.bus, o.bit_rate, o.protocol == "moteus");
   Drive drive(o, bus, make_drive(o, defects));
   drive.run();
   const Json s = drive.summary(defects);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
 
 namespace esmc::host {
@@ -86,6 +87,26 @@ bool DriveReports<World, C>::is_motor(int axis) const {
   return std::ranges::any_of(motors_, [&](const auto& m) { return m.first == axis; });
 }
 
+namespace {
+
+/// The vendor's names of faults of a moteus; a time-out is its mode.
+std::string moteus_error_name(std::uint32_t code) {
+  constexpr const char* names[] = {"calibration fault",    "motor driver fault",
+                                   "over voltage",         "encoder fault",
+                                   "motor not configured", "pwm cycle overrun",
+                                   "over temperature",     "outside limit",
+                                   "under voltage",        "config changed",
+                                   "theta invalid",        "position invalid",
+                                   "driver enable fault",  "stop position deprecated",
+                                   "timing violation",     "bemf feedforward without acceleration limit",
+                                   "invalid limits"};
+  constexpr std::uint32_t first = 32;
+  if (code == drive::MoteusAxis::timed_out) return "time-out";
+  return code >= first && code - first < std::size(names) ? names[code - first] : "not documented";
+}
+
+}  // namespace
+
 /// Reasons not to arm that the axis knows of.
 template <class World, class C>
 template <class Axis>
@@ -103,6 +124,13 @@ std::string DriveReports<World, C>::reported(const Axis& a, bool motor) const {
     if (const auto e = a.refused_endpoint())
       out += fmt::format(" (node {}, {})", a.node(), endpoint_path(*e));
   }
+  if constexpr (requires { a.refused_register(); }) {
+    if (a.refused_register() != drive::moteus::no_register)
+      out += fmt::format(" (node {}, register {:03X})", a.node(), a.refused_register());
+    if (a.last_error() != 0)
+      out += fmt::format(" (node {}, fault {}: {})", a.node(), a.last_error(),
+                         moteus_error_name(a.last_error()));
+  }
   if constexpr (requires { a.contradicting_object(); }) {
     if (const auto o = a.contradicting_object())
       out += fmt::format(" (node {}, object {:04X}:{:02X})", a.node(), o->index, o->sub);
@@ -117,7 +145,7 @@ void DriveReports<World, C>::blame(const Axis& a, int i, const Torques& expected
   constexpr int joints = World::Mechanism::joints;
   const int joint = static_cast<int>(nodes_.size()) == joints ? i : i * (joints / 2);
   const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);
-  const auto put = [&](std::optional<double> measured, std::optional<double> limit, const char* unit) {
+  const auto put = [&](std::optional<double> measured, std::optional<double> limit, const std::string& unit) {
     f.where = fmt::format("{}, {}", World::joint_names[joint], node);
     f.measured = measured;
     f.limit = limit;
@@ -129,7 +157,12 @@ void DriveReports<World, C>::blame(const Axis& a, int i, const Torques& expected
   if (is(Fault::emergency_stop) && a.emergency_stopped()) put({}, {}, "");
   if (is(Fault::drive_configuration) && a.config_mismatch()) put({}, {}, "");
   if (!is_motor(i)) return;
-  if (is(Fault::drive_error) && a.error()) put(a.error_code(), {}, "as error code of the drive");
+  if (is(Fault::drive_error) && a.error()) {
+    std::string unit = "error code";
+    if constexpr (std::is_same_v<Axis, drive::MoteusAxis>)
+      unit += fmt::format(" ({})", moteus_error_name(a.error_code()));
+    put(a.error_code(), {}, unit);
+  }
   if (is(Fault::drive_disarmed) && !a.closed_loop()) put({}, {}, "");
   if (is(Fault::heartbeat_lost) && age > scene_.drives.heartbeat_timeout)
     put(age, scene_.drives.heartbeat_timeout, "s without a heartbeat");

@@ -33,6 +33,8 @@ class DirectExchange {
     plant_.publish();
     if (controller_.await_samples() != Waited::silent || stop_requested()) return;
     controller_.shut_down();
+    if (controller_.malformed())
+      throw RunError("the drives send frames that are not of their protocol: malformed_frame");
     throw RunError("the drives' frames did not reach the controller within 5 s: lost on " + interface_ + "?");
   }
   /// False: Ctrl-C.
@@ -214,7 +216,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, BusRunFiles& files, Pl
   const auto begin = std::chrono::steady_clock::now();
   const auto idle_tick = [&] { return exchange.idle_tick(); };
   bool stop = false, ended = false;
-  Progress progress(tick_count(scene));
+  Progress progress(o.capture == nullptr ? tick_count(scene) : 0);
   const std::uint32_t stride = row_stride(scene, tick_count(scene));
   while (!plant.finished() && !stop && !ended) {
     progress.at(plant.done());
@@ -259,7 +261,8 @@ int run_direct(const Scene& scene, const RunOptions& o, PlantBus& plant_bus, Con
 template <class World>
 int run_timed(const Scene& scene, const RunOptions& o, const Use& use) {
   BusRunFiles files(o, scene, "virtual");
-  TimedBus bus({scene.drives.nodes.size(), static_cast<double>(scene.bitrate), scene.effects, scene.seed});
+  TimedBus bus({scene.drives.nodes.size(), static_cast<double>(scene.bitrate), scene.effects, scene.seed,
+                scene.data_bitrate > 0 ? scene.fast_bit() : 0.0});
   BusPort port(bus, TimedBus::controller);
   PlantEnd<World, BusPort> plant(scene, o, port, files.frames, files.log, true);
   ControllerEnd<World, BusPort> controller(scene, Pacing::lockstep, port);
@@ -292,6 +295,7 @@ int run_to_accuracy(Scene scene, const RunOptions& o) {
   RunOptions quiet = o;
   quiet.out.clear();
   quiet.again = {};
+  quiet.capture = nullptr;
   const AccuracyReport report = meet_accuracy(scene, World::Plant::outputs, [&](const Scene& s, bool) {
     Pass pass;
     (void)run_virtual<World>(s, quiet, {{}, &pass});
@@ -310,7 +314,7 @@ int run_hil(const Scene& scene, const RunOptions& o) {
   if (scene.accuracy) return run_to_accuracy<World>(scene, o);
   if (o.realtime) return run_hil_realtime(scene, o);
   if (o.bus == "virtual") return run_virtual<World>(scene, o, {});
-  BusEnds ends = open_both_ends(o.bus, scene.bitrate);
+  BusEnds ends = open_both_ends(o.bus, scene.bitrate, scene.data_bitrate > 0);
   return run_direct<World>(scene, o, ends.plant, ends.control, ends.plant.interface(), {});
 }
 

@@ -16,10 +16,11 @@ BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy) {
             "'control.law' = open_loop and none run in esmc sim only: there is no controller"};
   }
   if (scene.accuracy && !with_accuracy) return {scene.simulation_where, no_accuracy_on_bus};
-  if (scene.drives.protocol == Protocol::mit && scene.all_sensors && !scene.all_motors) {
+  const bool on_command = scene.drives.protocol == Protocol::mit || scene.drives.protocol == Protocol::moteus;
+  if (on_command && scene.all_sensors && !scene.all_motors) {
     return {scene.control_where,
             "passive encoders (control.sensors = \"all\" with two motors) need 'drives.protocol' = odrive or "
-            "odrive_0.5: a drive in MIT mode speaks only when it is commanded"};
+            "odrive_0.5: a drive in MIT mode or a moteus speaks only when it is commanded"};
   }
   if (scene.odrive() && std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end()) {
     return {scene.drives.where,
@@ -69,6 +70,12 @@ std::string to_confirm(const Scene& scene) {
       list("position_range, velocity_range and torque_range are the drives'");
       list("their time-out is drives.watchdog_timeout");
       list("their zero: the joints stay inside position_range of it");
+      break;
+    case Protocol::moteus:
+      list("servo.max_current_A and the motor's calibration allow control.torque_limit");
+      list("servopos.position_min and position_max leave the joints' range free");
+      list("servo.pid_position.ki is 0");
+      list("servo.timeout_mode is 0: as delivered, a drive damps after a time-out");
       break;
   }
   if (scene.hardware) {  // the wiring; of emulated drives the scene decides

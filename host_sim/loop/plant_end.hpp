@@ -38,7 +38,7 @@ class PlantEnd {
   using Joints = typename Plant::Joints;
 
   /// All references outlive this. `log` may be null. `with_controller`: advance() is given its ticks.
-  PlantEnd(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, std::FILE* log,
+  PlantEnd(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, const LogSink& log,
            bool with_controller)
       : scene_(scene),
         options_(o),
@@ -47,7 +47,9 @@ class PlantEnd {
         recorder_(scene, o.realtime ? Pacing::realtime : Pacing::lockstep, log, with_controller),
         plant_(make_motion<World>(scene), scene, !o.realtime),
         ticks_(tick_count(scene)),
-        substeps_(steps_per_tick(scene)) {}
+        substeps_(steps_per_tick(scene)) {
+    if (o.capture != nullptr) recorder_.log().keep(&o.capture->log);
+  }
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }

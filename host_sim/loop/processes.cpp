@@ -32,7 +32,7 @@ class ControllerRecorder {
  public:
   using M = typename World::Mechanism;
 
-  ControllerRecorder(const Scene& scene, std::FILE* log)
+  ControllerRecorder(const Scene& scene, const LogSink& log)
       : scene_(scene),
         log_(log, columns(scene), tick_count(scene)),
         mechanism_(make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr))),
@@ -302,7 +302,8 @@ std::pair<std::uint64_t, bool> answer_plant(const Scene& scene, const RunOptions
 }
 
 HostBus bus_of(const RunOptions& o, const Scene& scene) {
-  return o.again.bus != nullptr ? HostBus(*o.again.bus) : open_bus(o.bus, scene.bitrate);
+  return o.again.bus != nullptr ? HostBus(*o.again.bus)
+                                : open_bus(o.bus, scene.bitrate, scene.data_bitrate > 0);
 }
 
 template <class World>
@@ -354,7 +355,7 @@ int controller(const Scene& scene, const RunOptions& o) {
 /// Both ends in one process: the plant in this thread, the controller in another, each on its own socket.
 template <class World>
 int hil_realtime(const Scene& scene, const RunOptions& o) {
-  BusEnds ends = open_both_ends(o.bus, scene.bitrate);
+  BusEnds ends = open_both_ends(o.bus, scene.bitrate, scene.data_bitrate > 0);
   BusRunFiles files(o, scene, ends.plant.interface(), true);
   PlantEnd<World, HostBus> plant(scene, o, ends.plant, files.frames, files.log, false);
   ControllerEnd<World, HostBus> controller(scene, Pacing::realtime, ends.control);
@@ -409,7 +410,7 @@ int run_plant(const RunOptions& o) {
 int run_controller(const RunOptions& o) {
   Scene scene = read_scene_of_end(o);
   if (o.observe) {
-    HostBus bus = open_bus(o.bus, scene.bitrate);
+    HostBus bus = open_bus(o.bus, scene.bitrate, scene.data_bitrate > 0);
     return run_observe(scene, o, bus);
   }
   if (o.again.bus == nullptr) {

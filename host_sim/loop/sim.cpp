@@ -25,12 +25,15 @@ class SimRun {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  SimRun(const Scene& scene, const RunOptions& options, std::FILE* log)
+  SimRun(const Scene& scene, const RunOptions& options, const LogSink& log)
       : scene_(scene),
         options_(options),
         recorder_(scene, Pacing::lockstep, log, scene.closed_loop()),
         motion_(make_motion<World>(scene)),
-        actuators_(scene.effects, scene.motor_joints(), scene.seed) {}
+        actuators_(scene.effects, scene.motor_joints(), scene.seed),
+        progress_(options.capture == nullptr) {
+    if (options.capture != nullptr) recorder_.log().keep(&options.capture->log);
+  }
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   /// Appends the effector's position at every tick of a closed loop.
@@ -191,7 +194,7 @@ class SimRun {
   Recorder<World> recorder_;
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
-  bool exact_ = true, single_precision_ = false, progress_ = true, recording_ = true;
+  bool exact_ = true, single_precision_ = false, progress_, recording_ = true;
   Pass* pass_ = nullptr;
   std::uint32_t stride_ = 1;
   std::vector<V2>* path_ = nullptr;
@@ -225,20 +228,22 @@ template <class World>
 int simulate(Scene scene, const RunOptions& o) {
   require_reachable<World>(scene, Pacing::lockstep);
   OutputDirectory out = output_of(o);
+  const std::unique_ptr<RunMcap> mcap = mcap_of(o);
   std::unique_ptr<SimRun<World>> run;
   RunEnd end;
   if (scene.accuracy) {
     run_to_accuracy<World>(
         scene,
         [&](const Scene& s, bool recorded) {
-          return std::make_unique<SimRun<World>>(s, o, recorded ? out.open("log.csv") : nullptr);
+          return std::make_unique<SimRun<World>>(s, o, recorded ? log_of(o, out, mcap.get()) : LogSink());
         },
         run, end);
   } else {
-    run = std::make_unique<SimRun<World>>(scene, o, out.open("log.csv"));
+    run = std::make_unique<SimRun<World>>(scene, o, log_of(o, out, mcap.get()));
     end = run->run(steps_per_tick(scene));
   }
-  return finish_run(o, scene, "sim", run->recorder().statistics(), end, run->recorder().log(), out);
+  return finish_run(o, scene, "sim", run->recorder().statistics(), end, run->recorder().log(), out,
+                    mcap.get());
 }
 
 /// A run without files, after `set_up(run, its trace)`.

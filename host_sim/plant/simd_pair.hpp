@@ -14,8 +14,9 @@ using Double2 = double __attribute__((vector_size(16)));
 
 namespace esmc::ieee {
 /// Defined in simd_pair.cpp: gcc would load one half of a known constant and double it at every use.
+/// Hidden: position-independent code would look for their addresses in a table.
 template <>
-struct Constants<host::Double2> {
+struct [[gnu::visibility("hidden")]] Constants<host::Double2> {
   using Real = double;
   using Bits = std::uint64_t __attribute__((vector_size(16)));
   static const host::Double2 kToInteger, kQuadrantsPerRadian;

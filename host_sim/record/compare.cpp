@@ -17,6 +17,7 @@
 #include "host_sim/json_text.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/record/run_options.hpp"
 #include "host_sim/record/verdict.hpp"
 #include "host_sim/report/study_page.hpp"
 #include "host_sim/scene/toml_text.hpp"
@@ -79,6 +80,7 @@ struct Run {
   explicit Run(const std::string& d)
       : directory(d), scene(keys_of(d + "/scene.toml")), summary(read_summary(d)) {
     metrics_of(summary, "", metrics);
+    require_csv(d);
     const std::string file = d + "/log.csv";
     require_regular_file(file);
     std::ifstream in(file, std::ios::binary);
@@ -259,6 +261,10 @@ int run_compare(const CompareOptions& o) {
   j["metrics"] = compare_metrics(a, b, o.tolerance, beyond);
   j["log"] = compare_logs(a, b, o.tolerance, beyond);
   j["within"] = !beyond;
+  if (o.capture != nullptr) {
+    o.capture->document = document_text(j);
+    return beyond ? 1 : 0;
+  }
   publish({"comparison", j, text(j), [&] { return page(o, j, a, b); }}, o.json, out);
   return beyond ? 1 : 0;
 }

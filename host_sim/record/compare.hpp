@@ -5,12 +5,15 @@
 
 namespace esmc::host {
 
+struct Capture;
+
 struct CompareOptions {
   std::string a, b;        ///< directories of runs
   double tolerance = 0.0;  ///< times max(1, the larger magnitude of two numbers)
   std::string out;
   std::string command_line;
   bool json = false;
+  Capture* capture = nullptr;  ///< takes the document, nothing is printed; null: none
 };
 
 /// Compares scenes, summaries and logs. Returns 1 where a number of the summaries or logs is beyond the

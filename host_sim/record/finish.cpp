@@ -69,8 +69,14 @@ void write_scene(const Scene& scene, const OutputDirectory& out) {
   }
 }
 
+std::unique_ptr<RunMcap> mcap_of(const RunOptions& o) {
+  if (o.out.empty() && o.capture == nullptr && (o.log.npy || (o.log.every != 1 && o.mcap.empty())))
+    throw InputError("", "--log and --log-every are of the log that --out DIR leaves, and there is no --out");
+  return o.mcap.empty() ? nullptr : std::make_unique<RunMcap>(o.mcap);
+}
+
 int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const Statistics& statistics,
-               const RunEnd& end, Log& log, OutputDirectory& out) {
+               const RunEnd& end, Log& log, OutputDirectory& out, RunMcap* mcap) {
   log.close();
   const double t = static_cast<double>(statistics.ticks()) * scene.tick();
   require_finite(end.q, t);
@@ -85,6 +91,9 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
                     {"scalar", o.single_precision ? "float" : "double"},
                     {"version", version},
                     {"scene_digest", scene_digest(scene)}};
+  if (o.log.npy || o.log.every != 1)
+    summary["run"]["log"] = {{"format", o.log.npy ? "npy" : "csv"}, {"every", o.log.every}};
+  if (mcap != nullptr) mcap->commit();
   std::string text = summary_text(summary);
   if (out.wanted()) {
     write_scene(scene, out);
@@ -99,6 +108,10 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
 int publish_summary(const RunOptions& o, const Json& summary, const std::string& text, bool fault,
                     OutputDirectory& out) {
   const std::string document = document_text(summary);
+  if (o.capture != nullptr) {
+    o.capture->document = document;
+    return fault ? 1 : 0;
+  }
   out.write("summary.json", document);
   out.commit();
   fmt::print("{}", o.json ? document : text);

@@ -1,5 +1,5 @@
 #pragma once
-/// log.csv: one row per tick, and the thinned copy of it that the report shows.
+/// log.csv or log.npy: rows of ticks, and the thinned copy of them that the report shows.
 
 #include <fmt/format.h>
 
@@ -9,19 +9,31 @@
 #include <vector>
 
 #include "host_sim/file_handle.hpp"
+#include "host_sim/record/run_mcap.hpp"
+#include "host_sim/record/run_options.hpp"
 #include "host_sim/report/series.hpp"
 #include "host_sim/report/spectrum.hpp"
 
 namespace esmc::host {
 
+/// Where the rows of a run go.
+struct LogSink {
+  LogSink(std::FILE* f = nullptr, LogOptions o = {}, RunMcap* m = nullptr) : file(f), options(o), mcap(m) {}
+  std::FILE* file;     ///< closed at the end; null: none
+  LogOptions options;  ///< of `file` and `mcap`
+  RunMcap* mcap;       ///< outlives the log; null: none
+};
+
 /// Rows of doubles and one text column (the supervisor's state). Writes to a file only when it was given one.
 class Log {
  public:
-  /// `file` is closed at the end; null: nothing is written. `rows`: expected, for thinning the report's copy.
-  Log(std::FILE* file, std::vector<std::string> columns, std::size_t rows);
+  /// `rows`: expected, for thinning the report's copy.
+  Log(const LogSink& to, std::vector<std::string> columns, std::size_t rows);
 
-  /// Whether there is a file. Without one row() must not be called.
-  [[nodiscard]] bool wanted() const { return file_ != nullptr; }
+  /// Keeps the rows in `to`, which outlives this and is cleared; null: it does not.
+  void keep(KeptLog* to);
+  /// Whether there is a file or a place in memory. Without one row() must not be called.
+  [[nodiscard]] bool wanted() const { return file_ != nullptr || kept_ != nullptr || mcap_ != nullptr; }
   /// Adds a row: `values` of all columns but the last, which is `state`; "": there is no such column.
   void row(const std::vector<double>& values, const char* state);
   /// Writes what is left and closes the file. Throws RunError when it could not be written completely.
@@ -35,13 +47,19 @@ class Log {
   [[nodiscard]] const Histogram& tick_time() const { return tick_time_; }
 
  private:
+  void add_text(const std::vector<double>& values, const char* state);
+  void add_binary(const std::vector<double>& values, const char* state);
+  [[nodiscard]] std::string npy_header() const;
   void watch_torques(const std::vector<double>& values, bool running);
 
   FileHandle file_;
+  LogOptions options_;
+  RunMcap* mcap_ = nullptr;
+  KeptLog* kept_ = nullptr;
   fmt::memory_buffer buffer_;
   std::vector<std::string> columns_;
   std::vector<SeriesRow> thinned_;
-  std::size_t stride_ = 1, written_ = 0;
+  std::size_t stride_ = 1, ticks_ = 0, written_ = 0;
   std::size_t torque_ = 0, motors_ = 0;  ///< first column and number of the torques
   std::vector<double> last_torque_;
   std::vector<Spectrum> spectra_;

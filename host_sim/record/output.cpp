@@ -24,13 +24,12 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Names of all files that a run may leave.
-constexpr const char* output_names[] = {"scene.toml",          "summary.json", "log.csv",
-                                        "frames.log",          "frames.csv",   "report.html",
-                                        "check.csv",           reference_copy, model_copy,
-                                        endpoints_copy,        "sweep.toml",   "cases.csv",
-                                        "timing.json",         "timing.csv",   "comparison.json",
-                                        "check.json",          "design.json",  "calibration.json",
-                                        "identification.json", "margins.json"};
+constexpr const char* output_names[] = {
+    "scene.toml",      "summary.json", "log.csv",     "log.npy",          "frames.log",
+    "frames.csv",      "report.html",  "check.csv",   reference_copy,     model_copy,
+    endpoints_copy,    "sweep.toml",   "cases.csv",   "timing.json",      "timing.csv",
+    "comparison.json", "check.json",   "design.json", "calibration.json", "identification.json",
+    "margins.json",    "plan.json",    "path.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 
@@ -76,9 +75,9 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
   // A directory of an earlier run has one of these.
-  constexpr const char* signs[] = {"summary.json",     "check.csv",           "campaign.json",
-                                   "accuracy.json",    "comparison.json",     "design.json",
-                                   "calibration.json", "identification.json", "margins.json"};
+  constexpr const char* signs[] = {
+      "summary.json", "check.csv",        "campaign.json",       "accuracy.json", "comparison.json",
+      "design.json",  "calibration.json", "identification.json", "margins.json",  "plan.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
     for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {

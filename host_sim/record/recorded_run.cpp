@@ -11,6 +11,8 @@ RecordedRun open_run(const std::string& log, const std::string& scene) {
   namespace fs = std::filesystem;
   std::error_code ignored;
   if (log.find('\0') != std::string::npos) throw InputError("", "the log must be a file name, without NUL");
+  if (fs::is_directory(log, ignored)) require_csv(log);
+  if (log.ends_with(".npy")) throw InputError("", log + ": log.csv is needed: run it with --log csv");
   RecordedRun out;
   out.log = fs::is_directory(log, ignored) ? (fs::path(log) / "log.csv").string() : log;
   if (!fs::exists(out.log, ignored)) throw InputError("", out.log + ": there is no such log");

@@ -197,7 +197,7 @@ class Recorder {
   using M = typename World::Mechanism;
 
   /// `scene` must outlive this. `log`: closed by this, null: none. `with_controller`: tick() gets its view.
-  Recorder(const Scene& scene, Pacing pacing, std::FILE* log, bool with_controller)
+  Recorder(const Scene& scene, Pacing pacing, const LogSink& log, bool with_controller)
       : scene_(scene),
         track_(scene, pacing, with_controller || !scene.drives.sign_test.value_or(false)),
         with_controller_(with_controller),

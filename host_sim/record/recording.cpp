@@ -187,6 +187,15 @@ std::optional<CandumpLine> parse_candump(std::string_view line) {
   return out;
 }
 
+void require_csv(const std::string& directory) {
+  std::error_code error;
+  if (std::filesystem::exists(directory + "/log.csv", error) ||
+      !std::filesystem::exists(directory + "/log.npy", error))
+    return;
+  throw InputError(
+      "", directory + ": has log.npy, of a run with --log npy; log.csv is needed: run it with --log csv");
+}
+
 std::string scene_digest(const Scene& scene) {
   std::uint64_t hash = fnv(fnv_start, scene.toml);
   for (const Companion& c : scene.companions) hash = with_companion(hash, c.name, c.text);
@@ -198,7 +207,12 @@ Recording read_recording(const std::string& directory, bool any_version) {
   if (!std::filesystem::is_directory(directory, error))
     throw InputError(
         "", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
+  require_csv(directory);
   Recording r = read_summary(directory, any_version);
+  if (r.summary["run"].contains("log"))
+    throw InputError(
+        r.file("log.csv"),
+        "has not every tick: it was recorded with --log-every, and a replay needs --log-every 1");
   require_same_digest(r);
   const std::uint64_t rows = count_lines(r, "log.csv", false);
   if (rows == 0 ||

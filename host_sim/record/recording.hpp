@@ -56,6 +56,9 @@ struct CandumpLine {
 /// Reads a line of candump -L, without its newline; none: it is no such line.
 std::optional<CandumpLine> parse_candump(std::string_view line);
 
+/// Throws InputError where a run has left its log in another form than log.csv, with how to get that one.
+void require_csv(const std::string& directory);
+
 /// Digest of the scene and the files that it names, as in summary.json.
 std::string scene_digest(const Scene& scene);
 

@@ -19,8 +19,13 @@ std::string fault_text(const Json& f, const Json& supervisor) {
   if (f["t"].is_number()) out += fmt::format(" at t = {:.3f} s", f["t"].get<double>());
   std::string more = f["where"].get<std::string>();
   if (f["measured"].is_number()) {
-    more += fmt::format("{}{:.4g} {}", more.empty() ? "" : ", ", f["measured"].get<double>(),
-                        f["unit"].get<std::string>());
+    const auto measured = f["measured"].get<double>();
+    const auto unit = f["unit"].get<std::string>();
+    more += more.empty() ? "" : ", ";
+    // Drives' manuals list error codes in hexadecimal.
+    more += unit.starts_with("error code")
+                ? fmt::format("0x{:X}, {}", static_cast<std::uint32_t>(measured), unit)
+                : fmt::format("{:.4g} {}", measured, unit);
   }
   if (f["limit"].is_number()) more += fmt::format(", limit {:.4g}", f["limit"].get<double>());
   if (supervisor.contains("odd_encoder"))

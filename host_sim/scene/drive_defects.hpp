@@ -27,6 +27,13 @@ struct Defects {
   bool rtr_bit_required = false;
   bool torque_offset_left = false;
   bool no_rpdo_deadline = false;
+  bool position_invalid = false;
+  bool relative_position = false;
+  bool other_registers = false;
+  bool refuses_watchdog = false;
+  bool low_max_torque = false;
+  bool classic_replies = false;
+  bool timeout_damps = false;
 };
 
 struct DefectName {
@@ -39,7 +46,8 @@ struct DefectName {
 inline constexpr std::string_view odrives = "odrive, odrive_0.5", odrives_and_mit = "odrive, odrive_0.5, mit",
                                   every_drive = "odrive, odrive_0.5, mit, cia402";
 inline constexpr std::array defect_names{
-    DefectName{"watchdog_off", &Defects::watchdog_off, every_drive, "the last torque is held for ever"},
+    DefectName{"watchdog_off", &Defects::watchdog_off, "odrive, odrive_0.5, mit, cia402, moteus",
+               "the last torque is held for ever"},
     DefectName{"watchdog_any_frame", &Defects::watchdog_any_frame, odrives,
                "any frame to the drive feeds the watchdog, requests included"},
     DefectName{"short_frames_stale", &Defects::short_frames_stale, every_drive,
@@ -74,6 +82,20 @@ inline constexpr std::array defect_names{
                "object 60B2, which adds to the target torque, is 10 % of the rated torque at power-up"},
     DefectName{"no_rpdo_deadline", &Defects::no_rpdo_deadline, "cia402",
                "it has no 1400:5: hearing our heartbeat but no RPDO, it keeps its last torque"},
+    DefectName{"position_invalid", &Defects::position_invalid, "moteus",
+               "position and speed are NaN: no encoder at the output is valid"},
+    DefectName{"relative_position", &Defects::relative_position, "moteus",
+               "home state 0: the position counts from power-up"},
+    DefectName{"other_registers", &Defects::other_registers, "moteus",
+               "version 4 of the register map, as older firmware has it"},
+    DefectName{"refuses_watchdog", &Defects::refuses_watchdog, "moteus",
+               "register 027 is answered with an error, and the time-out is the drive's own of 0.1 s"},
+    DefectName{"low_max_torque", &Defects::low_max_torque, "moteus",
+               "servo.max_current_A allows 0.05 N m: the rest of a torque is cut off without a fault"},
+    DefectName{"classic_replies", &Defects::classic_replies, "moteus",
+               "replies are classic frames, cut after 8 bytes"},
+    DefectName{"timeout_damps", &Defects::timeout_damps, "moteus",
+               "servo.timeout_mode 12, as delivered: after a time-out it damps instead of letting go"},
 };
 
 /// Gives a drive of `protocol` the defect `name`. Returns why that is impossible; empty: done.

@@ -127,6 +127,21 @@ constexpr std::array planar{
     Key{"reference[hold].position", "numbers", "-", "m", -1e3, 1e3, false, "", "effector (x, y); without it: where it is at the start", into<&ReferenceScene::position>},
     Key{"reference[file].path", "string", "", "", -inf, inf, false, "", "CSV with a header t,x,y: seconds from 0, metres; relative to the scene file"},
 
+    Key{"reference[program].from", "numbers", "-", "m", -1e3, 1e3, false, "", "effector (x, y) at the start; default where [initial] puts it, and without that where the last move ends"},
+    Key{"reference[program].repeat", "boolean", "false", "", -inf, inf, false, "", "again and again; the last move must end at the start", into<&ReferenceScene::repeat>},
+    Key{"reference[program].moves", "tables", "", "", -inf, inf, false, "", "[[reference.moves]], one after another: docs/scenes.md#programs"},
+    Key{"reference.moves.move", "string", "", "", -inf, inf, false, choices<MoveKind>, "way to the next point: straight in the base joints, straight in the plane, a circle, a spline, or rest"},
+    Key{"reference.moves.to", "numbers", "-", "m; joint: rad", -1e3, 1e3, false, "", "end: effector (x, y); joint: the two base joints. Required, but for a spline whose last point in `through` is the end"},
+    Key{"reference.moves.blend", "number", "0.0", "m", 0, 1e3, false, "", "the corner to the next move is rounded, at most so far off; 0: rest in the corner"},
+    Key{"reference.moves.speed", "number", "-", "m/s; joint: rad/s", 0, 1e4, true, "", "largest speed: effector; joint: each base joint"},
+    Key{"reference.moves.acceleration", "number", "-", "m/s2; joint: rad/s2", 0, 1e6, true, "", "largest acceleration, likewise"},
+    Key{"reference.moves.jerk", "number", "-", "m/s3; joint: rad/s3", 0, 1e9, true, "", "largest jerk, likewise"},
+    Key{"reference.moves.time", "number or \"optimal\"", "-", "s", 0, 3600, true, "", "of the move, by a quintic along the way; default \"optimal\": the shortest within all limits"},
+    Key{"reference.moves[dwell].time", "number", "", "s", 0, 3600, true, "", "of rest"},
+    Key{"reference.moves[arc].via", "numbers", "", "m", -1e3, 1e3, false, "", "point (x, y) on the circle between start and end"},
+    Key{"reference.moves[spline].through", "number pairs", "-", "m", -1e3, 1e3, false, "", "points (x, y) of a natural cubic spline"},
+    Key{"reference.moves[joint].working_mode", "strings", "-", "", -inf, inf, false, "+ | -", "at the end, as mechanism.working_mode; a change crosses type 1, which the controller guards: refused with the place"},
+
     Key{"initial.at", "string", "-", "", -inf, inf, false, "reference", "on the reference, at rest (the default where there is a reference)"},
     Key{"initial.position", "numbers", "-", "m", -1e3, 1e3, false, "", "effector (x, y) in the working mode", into<&InitialScene::position>},
     Key{"initial.velocity", "numbers", "[0.0, 0.0]", "m/s", -1e4, 1e4, false, "", "of the effector; with position", into<&InitialScene::velocity>},
@@ -149,7 +164,7 @@ constexpr std::array planar{
     Key{"limits.max_age_ticks", "integer", "2", "ticks", 0, 100, false, "", "missed samples that are extrapolated; one more is a fault", into<&LimitsScene::max_age_ticks>},
 
     Key{"drives.protocol", "string", "\"odrive\"", "", -inf, inf, false, choices<Protocol>, "what the drives speak", into<&DriveScene::protocol>},
-    Key{"drives.nodes", "integers", "-", "", 0, 127, false, "", "CAN node per motor, base joints first; odrive 0..62, cia402 1..127, mit 1..62 (damiao 15); default 1, 2, ..."},
+    Key{"drives.nodes", "integers", "-", "", 0, 127, false, "", "CAN node per motor, base joints first; odrive 0..62, cia402 1..127, mit 1..62 (damiao 15), moteus 1..126; default 1, 2, ..."},
     Key{"drives.direction", "numbers", "-", "", -inf, inf, false, "", "+1: motor turns with the joint angle of the model (leg 2: clockwise seen from the front); -1 against; default +1"},
     Key{"drives.gear_ratio", "numbers", "-", "", 1e-3, 1e4, false, "", "motor turns per joint turn; default 1"},
     Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
@@ -196,6 +211,7 @@ constexpr std::array planar{
     Key{"command.lambda", "numbers", "-", "1/s", 0, 1e5, true, "", "[lower, upper] for lambda by the supervisor computer; without it, it cannot be written"},
     Key{"command.gain", "numbers", "-", "m/s2, rad/s2", 0, 1e9, false, "", "[lower, upper] for the gain, likewise"},
     Key{"bus.bitrate", "integer", "1000000", "bit/s", 10000, 1000000, false, "", "CAN bit rate; `esmc check` computes the bus load from it", into<&Scene::bitrate>},
+    Key{"bus.data_bitrate", "integer", "-", "bit/s", 100000, 8000000, false, "", "moteus: bit rate of the data of CAN FD frames, at least bus.bitrate; default 5000000"},
 
     Key{"simulation.duration", "number", "", "s", 0, 1e6, true, "", "from t = 0", into<&Scene::duration>},
     Key{"simulation.integrator", "string", "\"rk4\"", "", -inf, inf, false, choices<Method>, "method, at the fixed step below; set-valued effects need moreau_jean, which replaces the others, or event_driven", into<&Scene::method>},

@@ -22,19 +22,19 @@ inline constexpr auto names_of<ReachingChoice> =
     std::array{"sign", "saturation", "tanh", "implicit", "super_twisting", "implicit_coupled"};
 
 /// `none`: the scene has no [reference].
-enum class ReferenceType { circle, line, polyline, joint_sine, hold, file, none };
+enum class ReferenceType { circle, line, polyline, joint_sine, hold, file, program, none };
 template <>
 inline constexpr auto names_of<ReferenceType> =
-    std::array{"circle", "line", "polyline", "joint_sine", "hold", "file"};
+    std::array{"circle", "line", "polyline", "joint_sine", "hold", "file", "program"};
 
 /// What simulation.accuracy bounds: final_state.q, or q in every row of the log.
 enum class AccuracyOf { end, trajectory };
 template <>
 inline constexpr auto names_of<AccuracyOf> = std::array{"end", "trajectory"};
 
-enum class Protocol { odrive, odrive_0_5, cia402, mit };
+enum class Protocol { odrive, odrive_0_5, cia402, mit, moteus };
 template <>
-inline constexpr auto names_of<Protocol> = std::array{"odrive", "odrive_0.5", "cia402", "mit"};
+inline constexpr auto names_of<Protocol> = std::array{"odrive", "odrive_0.5", "cia402", "mit", "moteus"};
 template <>
 inline constexpr auto names_of<drive::mit::Dialect> =
     std::array{"mini_cheetah", "cubemars", "damiao", "cubemars_v3"};

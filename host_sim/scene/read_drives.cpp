@@ -25,10 +25,11 @@ void check_axes(const Section& s, const DriveScene& d) {
       if (d.nodes[i] == d.nodes[k]) s.fail("nodes", fmt::format("names node {} twice", d.nodes[i]));
     }
     if (std::abs(d.direction[i]) != 1.0) s.fail("direction", "must be 1 or -1 for every axis");
-    const bool canopen = d.protocol == Protocol::cia402;
-    if (canopen ? d.nodes[i] < 1 : d.nodes[i] > 62) {
-      s.fail("nodes", fmt::format("names node {}: {} are allowed with this protocol", d.nodes[i],
-                                  canopen ? "1 to 127" : "0 to 62"));
+    const bool canopen = d.protocol == Protocol::cia402, moteus = d.protocol == Protocol::moteus;
+    const int least = canopen || moteus ? 1 : 0, most = canopen ? 127 : moteus ? 126 : 62;
+    if (d.nodes[i] < least || d.nodes[i] > most) {
+      s.fail("nodes",
+             fmt::format("names node {}: {} to {} are allowed with this protocol", d.nodes[i], least, most));
     }
     if (canopen && d.nodes[i] == d.controller_node)
       s.fail("nodes", fmt::format("names node {}, which is drives.controller_node", d.nodes[i]));
@@ -114,6 +115,19 @@ void read_mit(Section& s, Scene& scene) {
   }
 }
 
+/// What goes into 16 bits of a moteus's registers: steps of 0.01 N m and 1 ms.
+void check_moteus(const Section& s, const Scene& scene) {
+  constexpr double most = 320.0;  // N m at the drive's output
+  if (scene.drives.protocol != Protocol::moteus || !scene.closed_loop()) return;
+  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
+    const double torque = scene.torque_limit[i] / scene.drives.gear_ratio[i];
+    if (torque > most)
+      s.fail("gear_ratio", fmt::format("makes control.torque_limit {:g} N m at motor {}: at most {:g} can be "
+                                       "told to a moteus",
+                                       torque, i + 1, most));
+  }
+}
+
 /// One entry per motor. Lists for the base motors alone are enough where there is no bus.
 void read_mounts(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
@@ -157,7 +171,7 @@ void read_drives(Section s, Scene& scene) {
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
     s.fail("torque_mismatch",
-           "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit)");
+           "must be 0: this drive does not say its torque (allowed with odrive, cia402, mit, moteus)");
   }
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::mit && d.dialect == drive::mit::Dialect::cubemars_v3)
     s.fail("torque_mismatch", "must be 0: this drive says a current, not its torque");
@@ -168,6 +182,7 @@ void read_drives(Section s, Scene& scene) {
   check_axes(s, d);
   read_odrive(s, scene);
   read_mit(s, scene);
+  check_moteus(s, scene);
   s.finish();
 }
 
@@ -179,8 +194,7 @@ void read_sensors(const std::optional<Section>& given, Section& root, Scene& sce
       root.fail("sensors", "is only for control.sensors = \"all\" with motors = \"base\"");
     return;
   }
-  if (d.protocol == Protocol::cia402)
-    d.missing = "passive encoders ([sensors]) exist for the ODrive protocols only";
+  if (!scene.odrive()) d.missing = "passive encoders ([sensors]) exist for the ODrive protocols only";
   if (!given) {
     d.missing = "control.sensors = \"all\" needs a table [sensors] with the nodes of the passive encoders";
     add_free_nodes(d.nodes, 4);

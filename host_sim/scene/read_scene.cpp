@@ -295,6 +295,13 @@ void read_sections(Section& root, Scene& scene) {
   if (const auto s = root.section("command")) read_command(*s, scene);
   Section bus = root.section_or_empty("bus");
   bus.read_fields(scene);
+  const bool fd = scene.drives.protocol == Protocol::moteus;
+  if (fd) scene.data_bitrate = 5'000'000;
+  if (bus.given("data_bitrate")) scene.data_bitrate = static_cast<int>(bus.integer("data_bitrate"));
+  if (!fd && scene.data_bitrate != 0)
+    bus.fail("data_bitrate", "is for CAN FD, which drives.protocol = \"moteus\" alone speaks");
+  if (fd && scene.data_bitrate < scene.bitrate)
+    bus.fail("data_bitrate", fmt::format("must be at least bus.bitrate, {}", scene.bitrate));
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);
   scene.control_where = root.where("control");
@@ -307,6 +314,7 @@ void read_sections(Section& root, Scene& scene) {
     scene.start_angle.assign(static_cast<std::size_t>(scene.joints()), 0.0);
   }
   read_effects(root, scene);
+  if (scene.reference.type == ReferenceType::program && root.errors().empty()) complete_program(scene);
   scene.bus_effects_where = root.where("effects");
   scene.uncertainty_where = root.where("uncertainty", {"control"});
   root.finish();

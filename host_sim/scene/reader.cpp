@@ -209,14 +209,14 @@ std::array<double, 2> Section::pair(const std::string& key) {
   return {v[0], v[1]};
 }
 
-std::vector<std::array<double, 2>> Section::pairs(const std::string& key) {
+std::vector<std::array<double, 2>> Section::pairs(const std::string& key, std::size_t least) {
   const toml::node* node = find(key);
   std::vector<std::array<double, 2>> out;
   if (node == nullptr) return out;
   const toml::array* list = node->as_array();
-  const std::string want = fmt::format("2 or more pairs [a, b] ({})", allowed(spec(key)));
+  const std::string want = fmt::format("{} or more pairs [a, b] ({})", least, allowed(spec(key)));
   const std::vector<std::array<double, 2>> instead{{0.0, 1.0}, {0.0, 1.0}};
-  if (list == nullptr || list->size() < 2) {
+  if (list == nullptr || list->size() < least) {
     wrong(*node, key, want);
     return instead;
   }

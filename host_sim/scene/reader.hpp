@@ -75,8 +75,8 @@ class Section {
   /// As numbers(); one number stands for all of them.
   std::vector<double> alike(const std::string& key, const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);
-  /// Reads an array of two or more pairs [a, b]. The default is an empty one.
-  std::vector<std::array<double, 2>> pairs(const std::string& key);
+  /// Reads an array of `least` or more pairs [a, b]. The default is an empty one.
+  std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t least = 2);
   /// Reads an array of `size` strings, each one of the key's choices; the key must be without a default.
   std::vector<std::string> texts(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.
@@ -165,6 +165,10 @@ void read_whole(const Section& root, F&& read) {
 // [mechanism] and [control]. All throw InputError.
 void read_uncertainty(Section s, Scene& scene);
 void read_reference(Section s, Scene& scene);
+/// [reference] type = "program": its own keys and the moves.
+void read_program(Section& s, Scene& scene);
+/// Adds to a program the start of the scene and the effects that it is planned with.
+void complete_program(Scene& scene);
 void read_drives(Section s, Scene& scene);
 /// Passive encoders, which follow the motors in the lists of nodes. `given` is [sensors], `root` its table.
 void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene);

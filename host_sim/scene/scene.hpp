@@ -16,6 +16,7 @@
 #include "host_sim/scene/drive_defects.hpp"
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/odrive_endpoints.hpp"
+#include "host_sim/scene/program.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host {
@@ -61,10 +62,11 @@ struct ReferenceScene {
   double radius = 0.0, speed = 0.0, phase = 0.0;  // circle; speed of a polyline is m/s
   std::vector<std::array<double, 2>> points;      // line (two), polyline
   double duration = 0.0;                          // line: one way, s
-  bool repeat = false;                            // line, polyline: back and forth, round and round
+  bool repeat = false;                            // line, polyline, program: back and forth, round and round
   std::array<double, 2> offset{}, amplitude{}, omega{}, phases{};  // joint_sine
   std::optional<std::array<double, 2>> position;                   // hold
   std::vector<PathPoint> table;                                    // file
+  ProgramScene program;
   std::optional<double> join;    // s; unset: 0 in sim and lockstep, 1 on hardware
   std::uint32_t first_tick = 0;  // of it at t = 0: `esmc check` looks at parts of a scene
 };
@@ -194,7 +196,12 @@ struct Scene {
   LimitsScene limits;
   DriveScene drives;  ///< motors first, then the passive encoders of [sensors]
   std::optional<CommandScene> command;
-  int bitrate = 0;  ///< bit/s
+  int bitrate = 0;       ///< bit/s
+  int data_bitrate = 0;  ///< bit/s of the data of CAN FD frames; 0: the bus is classic
+  /// Time of a bit of such data, in bit times.
+  [[nodiscard]] double fast_bit() const {
+    return data_bitrate > 0 ? static_cast<double>(bitrate) / data_bitrate : 1.0;
+  }
 
   double duration = 0.0;  ///< s
   double step = 0.0;      ///< s; with accuracy: a tick

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "host_sim/error.hpp"
@@ -32,6 +33,13 @@ FirstPoint first_point(const ReferenceScene& r, const std::string& where) {
       throw InputError(where,
                        "the start is not given: reference.type = \"hold\" without a position holds the "
                        "start, so [initial] needs position or joints");
+    case ReferenceType::program: {  // without a start of its own where it ends
+      const auto& moves = r.program.moves;
+      const auto last =
+          std::find_if(moves.rbegin(), moves.rend(), [](const auto& m) { return m.kind != MoveKind::dwell; });
+      if (r.program.from) return {false, *r.program.from};
+      return {last->kind == MoveKind::joint, last->to};
+    }
     case ReferenceType::file:
       return {false, {r.table.front().x, r.table.front().y}};
     case ReferenceType::none:

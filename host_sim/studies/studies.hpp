@@ -1,5 +1,5 @@
 #pragma once
-/// `esmc accuracy`, `esmc eval` and `esmc design`.
+/// `esmc accuracy`, `esmc eval`, `esmc design` and `esmc plan`.
 
 #include <cstdint>
 #include <functional>
@@ -49,6 +49,9 @@ int run_accuracy(const AccuracyOptions& o);
 /// Evaluates every case of a document in the schema of tests/reference/README.md and returns the text of
 /// {"cases": [...]} with the computed blocks under the same names. Throws InputError naming file, line, case.
 std::string evaluate(const std::string& text, const std::string& file, bool single_precision);
+
+/// Runs `esmc plan`: the program of a scene, timed: its duration, the limits it reaches, its path. Returns 0.
+int run_plan(const RunOptions& o);
 
 struct DesignOptions {
   RunOptions run;

@@ -202,7 +202,9 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
     if (numbers) b.binding = find_binding(v.key, nominal);
     bound_.push_back(b);
     any_mechanism_ = any_mechanism_ || (b.binding.set != nullptr && !v.key.starts_with("control."));
-    for (const SweepValue& x : v.values) try_value(a, x);
+    // Of a value per case bind() checks the range; a case that it refuses is impossible, not the axis.
+    const std::size_t tried = axis.in_order && b.binding.set != nullptr ? 1 : v.values.size();
+    for (std::size_t i = 0; i < tried; ++i) try_value(a, v.values[i]);
     if (v.values.empty()) {
       for (const double x : {axis.from, axis.to}) try_value(a, v.factor ? x * b.nominal : x);
     }

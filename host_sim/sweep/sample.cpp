@@ -77,6 +77,7 @@ double Design::sampled(std::uint64_t index, std::size_t axis) const {
 
 std::uint64_t Design::chosen(std::uint64_t index, std::size_t axis) const {
   if (axes_[axis].crossed) return crossed_point(index, axis);
+  if (axes_[axis].in_order) return index % axes_[axis].listed;
   return static_cast<std::uint64_t>(sampled(index, axis) * static_cast<double>(axes_[axis].listed));
 }
 

@@ -20,6 +20,7 @@ struct Axis {
   bool logarithmic = false;
   std::uint64_t steps = 0;  ///< of a range that is crossed: points, both ends among them
   bool crossed = false;     ///< every value with every sample; the others are sampled
+  bool in_order = false;    ///< case i takes listed value i
 
   [[nodiscard]] std::uint64_t points() const { return listed > 0 ? listed : steps; }  ///< if crossed
   /// Value of the range at u in [0, 1]; equal steps of u are equal steps or, if logarithmic, equal factors.

@@ -42,6 +42,8 @@ std::string settings(const host::Scene& scene, std::size_t i) {
       return host::bake::text(host::cia402_settings(scene, i));
     case host::Protocol::mit:
       return host::bake::text(host::mit_settings(scene, i));
+    case host::Protocol::moteus:
+      return host::bake::text(host::moteus_settings(scene, i));
     case host::Protocol::odrive:
     case host::Protocol::odrive_0_5:
       break;

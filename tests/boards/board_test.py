@@ -3,7 +3,7 @@
 
 usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bakes
        board_test.py image ELF SCALAR [FLASH RAM]   what must not be in it, and what it takes of the memories, at most
-       board_test.py image ELF SCALAR COSTS         the same, with the bounds of board_costs.hpp
+       board_test.py image ELF SCALAR COSTS         the same, where board_costs.hpp says what it takes
        board_test.py parts ELF [NAME...]         the optional parts of the controller in it are these, and no others
        board_test.py loop ELF MACHINE SCALAR ESMC SCENE
                                                     closes the loop with `esmc plant` over slcan: the same digest as
@@ -12,6 +12,7 @@ usage: board_test.py build ROOT BOARD ESMC       with the esmc command that bake
                                                     instructions per tick, and what optional parts add: the tables of
                                                     docs/boards.md and of host_sim/controller/board_costs.hpp; with
                                                     --sample of esmc and of COUNT other laws
+       board_test.py hot ELF                        a tick's functions lie in the fast memory, and nothing that runs before the copy
        board_test.py crash ELF MACHINE              faults that it provokes leave their record
        board_test.py same ROOT BOARD BOARD          two boards link the same control archive, byte for byte"""
 import json
@@ -34,6 +35,10 @@ import sample  # noqa: E402
 LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")  # in the order of count.cpp
 OPTIONS = ("super_twisting", "implicit_coupled", "elbow_rotors", "momentum_observer", "predictor", "closure_projection", "four_motors")
 LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projection")  # that fit together
+# What a tick under ESMC runs, mangled. Every function of such a name must lie in the fast memory; the first three may be inlined.
+HOT = ("9TimedLoopI.*4turn", "5CycleI.*8transmitI", "3hal5FdcanI.*4pump", "5CycleI.*6decideE", "10ControllerI.*4tickE", "10ControllerI.*7observeE",
+       "10ControllerI.*7desiredE", "10ControllerI.*9apply_lawE", "10ControllerI.*5limitE", "9ReferenceI.*2atE", "20clamped_accelerationILNS_7LawKindE0E",
+       "18estimate_from_base")
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 # With a plant beside it an instruction is 8 ns: a plant that does not get its turn on a loaded machine is late by fewer of the image's seconds.
 ICOUNT_LOOP = "shift=3,sleep=off"
@@ -49,7 +54,7 @@ def qemu(elf, machine, serial, *more, icount=ICOUNT):
 
 
 def build(root, board, esmc):
-    for step in (["cmake", "--preset", board, f"-DESMC_TOOL={esmc}"], ["cmake", "--build", "--preset", board]):
+    for step in (["cmake", "--preset", board, f"-DESMC_TOOL={esmc}", "-DESMC_BENCH=ON"], ["cmake", "--build", "--preset", board]):
         done = run(*step, cwd=root)
         if done.returncode != 0:
             print(done.stdout[-4000:], done.stderr[-4000:])
@@ -58,7 +63,7 @@ def build(root, board, esmc):
 
 
 def bounds_of(costs, board):
-    """Bytes of flash and RAM that board_costs.hpp grants the image of a board."""
+    """Bytes of flash and RAM that board_costs.hpp says the image of a board takes."""
     return re.search(rf'\{{"{board}", \w+, [\d.e]+, \d+, \d+, (\d+), (\d+)\}}', Path(costs).read_text(encoding="utf-8")).groups()
 
 
@@ -76,7 +81,7 @@ def image(elf, scalar, flash_max=1 << 20, ram_max=1 << 17):
     software = r"|__aeabi_d\w+" if scalar == "float" else ""  # of a processor that has no double
     bad = re.findall(rf"^.* [tTwWbBdDrRvV] ({hosted}{software})$", names, re.M)
     flash, ram = flash_and_ram(elf)
-    print(f"forbidden symbols: {bad}; flash {flash} bytes, RAM {ram} bytes with the stack")
+    print(f"forbidden symbols: {bad}; flash {flash} of {flash_max} bytes, RAM {ram} of {ram_max} bytes with the stack")
     with tempfile.TemporaryDirectory() as folder:
         run("arm-none-eabi-objcopy", "-O", "binary", elf, f"{folder}/flash")
         first = struct.unpack("<16I", Path(folder, "flash").read_bytes()[:64])
@@ -123,6 +128,39 @@ def flashed_alike(elf):
     good = hex_bytes(elf.with_suffix(".hex")) == wanted and filled == wanted and len(plain) == max(wanted) - first + 1
     print(f".hex and .bin {'equal' if good else 'DIFFER FROM'} the segments of the ELF, {len(wanted)} bytes from {first:#x}")
     return good
+
+
+def misplaced(functions, begin, end, early):
+    """What lies on the wrong side, of {mangled name: address}; `early`: runs before the copy, or after a crash."""
+    inside = {f for f, a in functions.items() if begin <= a < end}
+    wrong = [f"no function {h}" for h in HOT[3:] if not any(re.match(f"_ZNK?4esmc{h}", f) for f in functions)]
+    wrong += [f"in the flash: {f}" for f in functions if f not in inside and any(re.match(f"_ZNK?4esmc{h}", f) for h in HOT)]
+    return wrong + [f"in the fast memory: {f}" for f in inside if f in early or not re.match("_ZN|__+.*_veneer$", f)]
+
+
+def hot(elf):
+    """The functions of the image by the linker's symbols, what runs early by the compiler's call graph."""
+    elf = Path(elf)
+    at = symbols_of(elf)
+    begin, end, load = (at[f"esmc_hot_{name}"] for name in ("begin", "end", "image"))
+    functions = {f: int(a, 16) & ~1 for a, f in re.findall(r"^([0-9a-f]+) [tTwW] (\S+)$", run("arm-none-eabi-nm", elf).stdout, re.M)
+                 if not f.startswith(("$", "esmc_hot_"))}
+    _, calls = stack_bound.read_graph(p.read_text() for p in sorted(elf.parent.rglob("*.ci")))
+    early, new = set(), {f for f in functions if f.startswith("esmc_") and f not in ("esmc_main", "esmc_can_interrupt")}
+    while new:
+        early |= new
+        new = set().union(*(calls.get(f, set()) for f in new)) - early - {"esmc_main"}
+    wrong = misplaced(functions, begin, end, early)
+    # The copy: whole words of the flash, which hold code; the bytes are in .hex and .bin, by `image`.
+    memory = segments(elf)
+    if (end - begin) % 4 or not all(load + i in memory for i in range(end - begin)) or {"esmc_reset", "memcpy", "memset"} - early:
+        wrong.append(f"the copy of {end - begin} bytes from {load:#x}, by functions {sorted(early)[:9]}")
+    tick = next(f for f in functions if re.match(f"_ZNK?4esmc{HOT[4]}", f))
+    for moved, to in ((tick, at["esmc_reset"]), ("memcpy", begin), ("esmc_crash", begin)):
+        if not misplaced({**functions, moved: to}, begin, end, early):
+            wrong.append(f"{moved} could lie on the wrong side and this test would not see it")
+    print("\n".join(wrong) or f"{end - begin} bytes at {begin:#x}, {len(early)} early functions elsewhere")
+    return 1 if wrong else 0
 
 
 def parts(elf, *names):
@@ -331,4 +369,4 @@ if __name__ == "__main__":
     if what == "count":
         at_most = sample.take_option(arguments)
         sys.exit(count(*arguments, update, at_most))
-    sys.exit({"build": build, "crash": crash, "image": image, "loop": loop, "parts": parts, "same": same}[what](*arguments))
+    sys.exit({"build": build, "crash": crash, "hot": hot, "image": image, "loop": loop, "parts": parts, "same": same}[what](*arguments))

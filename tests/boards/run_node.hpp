@@ -21,7 +21,7 @@ NodeRun run_node(Node& node, const host::RunOptions& options, const host::Scene&
   using World = std::conditional_t<Node::Mechanism::joints == 4, host::FiveBarTraits, host::RrTraits>;
   const auto bus = std::make_unique<hal::VirtualBus<2>>();
   host::FrameLog frames(frames_path.empty() ? nullptr : std::fopen(frames_path.c_str(), "wb"), "virtual",
-                        static_cast<std::uint32_t>(scene.bitrate));
+                        static_cast<std::uint32_t>(scene.bitrate), scene.fast_bit());
   host::PlantEnd<World, hal::VirtualBus<2>::Port> plant(scene, options, bus->port(0), frames, nullptr, false);
   node.command(Command::enable);
   while (!plant.finished()) {

@@ -4,7 +4,7 @@
 usage: stack_bound.py ELF BUILD_FOLDER
        stack_bound.py --self-test
 
-Sums the frames along every path from esmc_reset. Refused: recursion, calls through pointers, frames whose size is known at run
+Sums the frames along every path from esmc_reset, and adds those of the interrupt that may come on top. Refused: recursion, calls through pointers, frames whose size is known at run
 time only, functions that nobody knows. One exception: what the controller calls through a pointer is an optional part, a function
 of namespace esmc::part, or nothing (null). Such a call counts as one of every part that is in the image; without any it calls
 nobody. Frames of the C library's few functions are read from their instructions. On top comes what an exception pushes.
@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 EXCEPTION = 112  # 26 registers with the FPU's, and 8 for alignment
+HANDLER = "esmc_can_interrupt"
 GUARD = 256      # of what is reserved nobody may use the lowest part
 INDIRECT = "__indirect_call"                # as gcc names the target of a call through a pointer
 PART = re.compile(r"_ZN4esmc4part")         # mangled: functions of esmc::part
@@ -112,6 +113,8 @@ def of_image(elf, folder):
         return size, called - {name}
 
     total, path = bound(frames, calls, "esmc_reset", library)
+    if HANDLER in symbols:
+        total += EXCEPTION + bound(frames, calls, HANDLER, library)[0]
     if len(path) < 5:
         raise Refused(f"the call graph ends after {path[-1][0]}")
     return total + EXCEPTION, path, symbols["esmc_stack_top"] - symbols["esmc_stack_bottom"] - GUARD

@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import board_test
 import page_table
 
 STAGES = ("decode", "checks", "closure", "reference", "law", "model", "allocation", "limits", "encode")
@@ -84,8 +85,8 @@ def trace(elf, machine):
     return out, {law: int(n) for law, n in counted.items()}
 
 
-def by_stage(functions_of, executed):
-    """Of each tick that was counted, from one reading of the timer to the next: instructions per stage."""
+def ticks_of(functions_of, executed):
+    """The instructions of each tick that was counted, from one reading of the timer to the next."""
     in_timer = {a for a, f in functions_of.items() if "now" in f}
     readings = []  # first and last instruction of each; a compiler puts others between them
     for i, a in enumerate(executed):
@@ -94,8 +95,12 @@ def by_stage(functions_of, executed):
                 readings[-1][1] = i
             else:
                 readings.append([i, i])
-    parts = [executed[begin[1] + 1:end[0]] for begin, end in zip(readings[::2], readings[1::2])]
-    for part in parts:
+    return (executed[begin[1] + 1:end[0]] for begin, end in zip(readings[::2], readings[1::2]))
+
+
+def by_stage(functions_of, executed):
+    """Instructions per stage of each tick."""
+    for part in ticks_of(functions_of, executed):
         counts, stage = dict.fromkeys(STAGES, 0), "decode"
         for a in part:
             stage = next((STAGE_OF[f] for f in functions_of[a] if f in STAGE_OF), stage)
@@ -105,7 +110,14 @@ def by_stage(functions_of, executed):
 
 def table_of(elf, machine):
     executed, counted = trace(elf, machine)
-    ticks = dict(zip(LAWS, by_stage(chains(elf, sorted(set(executed))), executed)))
+    functions = chains(elf, sorted(set(executed)))
+    ticks = dict(zip(LAWS, by_stage(functions, executed)))
+    at = board_test.symbols_of(elf)
+    slow = {a for a in next(ticks_of(functions, executed)) if not at["esmc_hot_begin"] <= a < at["esmc_hot_end"]}
+    # The image's own main calls from there, and so is the library.
+    strange = {f[-1] for a, f in functions.items() if a in slow and not re.search("_veneer$|^__|^esmc_main$", f[-1])}
+    if strange:
+        raise SystemExit(f"esmc: not in the fast memory: {strange}")
     if list(counted) != list(LAWS) or set(ticks) != set(LAWS):
         raise SystemExit(f"laws counted: {counted}, seen: {list(ticks)}")
     for law in LAWS:  # a timer that counts 1.6 per instruction, and its own reading

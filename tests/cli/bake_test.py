@@ -32,12 +32,13 @@ class Bake(unittest.TestCase):
                    "drives.position_range=[12.5,12.5]", "drives.velocity_range=[50.0,50.0]", "drives.torque_range=[18.0,18.0]")
         for scene, name in ((CIRCLE, "FiveBar"), (ARM, "Rr")):
             for scalar in ("double", "float"):
-                for protocol, axis in (([], "OdriveAxis"), (mit, "MitAxis")):
+                for protocol, axis in (([], "OdriveAxis"), (mit, "MitAxis"), (sets("drives.protocol=moteus"), "MoteusAxis")):
                     done = bake(scene, "--scalar", scalar, *protocol)
                     self.assertEqual((done.returncode, done.stderr), (0, ""), (scene, scalar, axis))
                     self.assertIn(f"using Scalar = {scalar};", done.stdout)
                     self.assertIn(f"using Mechanism = {name}<Scalar>;", done.stdout)
                     self.assertIn(f"drive::{axis}", done.stdout)
+                    self.assertRegex(done.stdout, f" data_bitrate = {5000000 if axis == 'MoteusAxis' else 0};")
                     floats = len(re.findall(r"0x[0-9a-f.]+p[+-]\d+F", done.stdout))
                     doubles = len(re.findall(r"0x[0-9a-f.]+p[+-]\d+(?!\d*F)\b", done.stdout))
                     self.assertGreater(floats if scalar == "float" else doubles, 100)
@@ -70,9 +71,9 @@ class Bake(unittest.TestCase):
         self.refused(board, text="command.arm")  # in lockstep no console arms it
 
     def test_what_does_not_fit_is_not_baked(self):
-        corners = ",".join(f"[{0.05 * (-1) ** i},{0.15 + 0.0005 * i}]" for i in range(80))
+        corners = ",".join(f"[{0.05 * (-1) ** i},{0.15 + 0.0001 * i}]" for i in range(300))
         self.refused(CIRCLE, *sets(f'reference={{type="polyline",points=[{corners}],speed=0.2}}',
-                                   'initial={at="reference"}'), text="allowed are 64")
+                                   'initial={at="reference"}'), text="allowed are 256")
 
     def test_what_exceeds_the_budget_of_a_board_is_not_baked(self):
         g4 = ("--board", "nucleo_g474re", "--scalar", "float")

@@ -108,7 +108,7 @@ class Bus(unittest.TestCase):
                 self.assertLessEqual(seen[identifier]["latency_mean_s"], seen[identifier]["latency_max_s"])
 
     def test_every_protocol_runs_on_a_bus_that_takes_time(self):
-        for protocol in ("odrive_0.5", "cia402", "mit"):
+        for protocol in ("odrive_0.5", "cia402", "mit", "moteus"):
             sets = [f"drives.protocol={protocol}"] + (["drives.master_id=[16, 17]"] if protocol == "mit" else [])
             summary, status = hil(TIMED, sets=sets)
             self.assertEqual((status, summary["bus"]["errors"], summary["bus"]["lost"]), (0, 0, 0), protocol)
@@ -137,6 +137,8 @@ class Bus(unittest.TestCase):
     def test_drives_that_hear_nothing_stop_by_their_watchdog(self):
         summary, rows, _ = recorded('{type="loss", probability=1.0, at="drives", from=0.3}')
         self.assertIn([f["name"] for f in summary["supervisor"]["faults"]], (["drive_error"], ["drive_disarmed"]))
+        if summary["supervisor"]["faults"][0]["name"] == "drive_error":
+            self.assertRegex(summary["verdict"]["reasons"][0], "0x[0-9A-F]+, error code")
         torque = [(float(r["t"]), float(r["tau11"])) for r in rows]
         held = {tau for t, tau in torque if 0.3 <= t < 0.3095}
         self.assertEqual(len(held), 1)  # the last torque goes on

@@ -18,7 +18,7 @@ FAULTS = """nothing frame_loss burst_loss scattered_loss duplication delay reord
  drive_error drive_disarm drive_reset drive_silent heartbeat_lost drive_bus_off watchdog_off controller_death
  controller_late controller_bus_off commands_lost torque_lost queue_full babbling_node flood foreign_controller
  emergency_stop enable_open late_power zero_until_closed_loop computer_gone""".split()
-PROTOCOLS = ("odrive", "odrive_0.5", "cia402", "mit")
+PROTOCOLS = ("odrive", "odrive_0.5", "cia402", "mit", "moteus")
 PHASES = ["arming", "joining", "running", "halting", "stopping"]
 failed = 0
 

@@ -174,7 +174,9 @@ class Verdicts(unittest.TestCase):
             j = self.check(scene)
             self.assertNotEqual(j["verdict"], "unfit", scene)
             self.assertLessEqual(sum(p["ticks"] for p in j["simulated"]), 200)
-            self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"}, scene)
+            # A program that is as fast as the torque allows is short of torque on request.
+            wanted = {"torque_margin"} if 'type = "program"' in scene.read_text(encoding="utf-8") else set()
+            self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"} | wanted, scene)
 
     def test_hints_at_units(self):
         rr = Path(SCENES, "rr_line.toml")

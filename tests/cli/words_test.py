@@ -51,11 +51,11 @@ class Words(unittest.TestCase):
         spec = self.tmp / "small.toml"
         spec.write_text(f'scene = "{self.circle}"\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0, 40.0]\n')
         arguments = {
-            "sim": [self.circle, *short], "hil": [self.circle, *short], "check": [self.circle], "margins": [self.circle], "replay": [run], "compare": [run, run],
+            "sim": [self.circle, *short], "hil": [self.circle, *short], "check": [self.circle], "margins": [self.circle], "plan": [Path(SCENES, "five_bar_pick_and_place.toml")], "replay": [run], "compare": [run, run],
             "campaign": ["--episodes", 2], "design": [Path(SCENES, "five_bar_robust.toml")], "sweep": [spec],
             "accuracy": [Path(SCENES, "rr_line.toml")], "calibrate": [calibration, "--trust-half-base"], "identify": [identification],
             "spatial": [next(Path(SCENES, "spatial").glob("*.toml")), *short], "live": [self.circle, "--port", 0, "--duration", 0.2]}
-        on_a_bus = {"plant", "controller", "drive"}  # vcan.loop and slcan.echo read theirs
+        on_a_bus = {"plant", "controller", "drive", "operate"}  # vcan.loop, slcan.echo and slcan.operate read theirs
         self.assertEqual(commands(), set(arguments) | NO_JSON | on_a_bus | {"eval"})
         for command, given in arguments.items():
             done = esmc(command, *given, "--json")
@@ -67,6 +67,7 @@ class Words(unittest.TestCase):
         log = self.tmp / "log"
         esmc("sim", Path(SCENES, "five_bar_calibration.toml"), "--out", log)
         for command, name, given in (("check", "check", [self.circle]), ("design", "design", [Path(SCENES, "five_bar_robust.toml")]),
+                                     ("plan", "plan", [Path(SCENES, "five_bar_pick_and_place.toml")]),
                                      ("calibrate", "calibration", [log, "--trust-half-base"])):
             out = self.tmp / name
             done = esmc(command, *given, "--json", "--out", out)

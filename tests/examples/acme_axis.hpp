@@ -21,6 +21,11 @@ class AcmeAxis {
   AcmeAxis() = default;
   explicit AcmeAxis(const esmc::drive::AxisConfig& config) : config_(config) {}
 
+  // For the filters of a CAN controller: all that receive() judges.
+  void add_filters(esmc::hal::IdFilters& list) const {
+    for (const std::uint32_t function : {0x100U, 0x180U}) list.add({function + config_.node, 0x7FF});
+  }
+
   // What it said, and how long ago.
   void begin_tick() {
     if (age_ < esmc::drive::age_max) ++age_;

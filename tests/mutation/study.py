@@ -35,7 +35,9 @@ HERE = pathlib.Path(__file__).resolve().parent
 FOLDERS = {
     "firmware/safety": ("safety", "supervisor"),
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
-                       "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis"),
+                       "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis",
+                       "moteus_codec", "moteus_axis"),
+    "firmware/link": ("link_codec", "link", "link_motion", "link_told", "link_store", "parameter_slots"),
     "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law", "law_bits"),
 }
 SLOW = "*Random*"  # tests by the hundred thousand frames come last

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Line and branch coverage of firmware/safety and firmware/drive by the unit tests: 100 %, or the places are listed.
+"""Line and branch coverage of the firmware that decides about torque by the unit tests: 100 %, or the places are listed.
 
 usage: coverage.py TESTS --profdata LLVM-PROFDATA --cov LLVM-COV     TESTS: built with clang's source-based coverage
        coverage.py --self-test --profdata ... --cov ... --cxx CLANG++
 
 A condition counts as covered when it was true and false in some instantiation of its template: what is looked at is
 source text. Not counted: the way out of a `switch` that names every enumerator (there is none, and -Wswitch makes sure), and what stands behind `= default`.
+Places that no test can reach stand in uncovered.txt with the reason; an entry there that fits no such place is an error.
 A template that no test instantiates has no coverage at all, so every `{` that opens a function in these folders must lie in
 a region that the compiler has seen."""
 
@@ -20,13 +21,15 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-FOLDERS = ("firmware/safety", "firmware/drive")
+HERE = pathlib.Path(__file__).resolve().parent
+FOLDERS = ("firmware/safety", "firmware/drive", "firmware/link", "firmware/cycle")
+SLOW = "CycleHostile.*:CycleLink.Damaged*:SetpointGenerator.SetPointsAt*:Fusion/double*"  # a minute at -O0, and nothing new
 CODE, GAP, SWITCH = 0, 3, re.compile(r"\bswitch\s*\(\s*$")
 
 
 def export(tests, tools, folder):
     raw, merged = folder / "tests.profraw", folder / "tests.profdata"
-    run = subprocess.run([tests, "--gtest_brief=1"], env={"LLVM_PROFILE_FILE": str(raw)}, capture_output=True, text=True, check=False)
+    run = subprocess.run([tests, "--gtest_brief=1", f"--gtest_filter=-{SLOW}"], env={"LLVM_PROFILE_FILE": str(raw)}, capture_output=True, text=True, check=False)
     if run.returncode != 0:
         sys.exit(f"coverage.py: {tests} fails:\n{run.stdout[-2000:]}{run.stderr[-2000:]}")
     subprocess.run([tools.profdata, "merge", "-sparse", raw, "-o", merged], check=True)
@@ -118,6 +121,21 @@ def violations(lines, branches, root, folders):
                 yield f"{name}:{line}: no test instantiates: {source[line - 1].strip()}"
 
 
+def excused(found, table):
+    """The violations that no entry of the table `FILE: PLACE => REASON` names, and the entries that name none."""
+    entries = {line.split(" => ")[0]: False for line in table.splitlines() if line and not line.startswith("#")}
+    for violation in found:
+        file, _, place = re.sub(r":\d+", "", violation).partition(": ")
+        entry = f"{file}: {place}"
+        if entry in entries:
+            entries[entry] = True
+        else:
+            yield violation
+    for entry, used in entries.items():
+        if not used:
+            yield f"uncovered.txt: {entry}: there is no such place"
+
+
 SEEDED = """#pragma once
 enum class E { a, b };
 inline int run(int a, int b) {
@@ -162,6 +180,11 @@ def self_test(tools):
                         root / "main.cpp", "-o", root / "tests"], check=True)
         counted = gather(export(root / "tests", tools, root), root, ("safety",))
         found = list(violations(*counted, root, ("safety",)))
+        table = "safety/a.hpp: never run: return 1; => a reason\nsafety/a.hpp: never run: gone => a reason\n"
+        left = list(excused(found, table))
+        if any("a.hpp:5" in f for f in left) or "uncovered.txt: safety/a.hpp: never run: gone: there is no such place" not in left:
+            print("uncovered.txt does not excuse what it names, or names what is not there")
+            return 1
         missing = [e for e in EXPECTED if not any(e in f for f in found)]
         extra = [f for f in found if not any(e in f for e in EXPECTED)]
         for line in [f"not found: {m}" for m in missing] + [f"found, wrongly: {e}" for e in extra]:
@@ -182,7 +205,7 @@ def main():
     with tempfile.TemporaryDirectory() as scratch:
         functions = export(pathlib.Path(tools.tests).resolve(), tools, pathlib.Path(scratch))
     lines, branches = gather(functions, ROOT, FOLDERS)
-    found = list(violations(lines, branches, ROOT, FOLDERS))
+    found = list(excused(violations(lines, branches, ROOT, FOLDERS), (HERE / "uncovered.txt").read_text(encoding="utf-8")))
     for f in found:
         print(f)
     print(f"{sum(map(len, lines.values()))} lines, {2 * sum(map(len, branches.values()))} branches of "

@@ -14,7 +14,7 @@
   host_sim/<room>       std, libraries, hal, and the rooms that HOST lists for it: each of them stands above it in that table, so
                         no circle can be listed. Of firmware: types, numeric, parameters and wire formats only, but for the rooms
                         that HOST marks with the controller
-  boards                std, firmware, hal/*.hpp, boards, the board's own chip.hpp, the baked scene.hpp; never host_sim or tests
+  boards                std, firmware, hal/*.hpp, boards, the board's own chip.hpp, the baked scene.hpp and bench_frames.inc; never host_sim or tests
   boards/<board>        the same and hal/slcan, hal/fdcan, hal/zynqmp_can, hal/flash; boards/linux: the same and hal/linux
   nothing in firmware or hal includes host_sim, boards or tests; nothing in host_sim includes tests
 
@@ -30,9 +30,9 @@ INCLUDE = re.compile(r'^\s*#\s*(?:include|import)\s*([<"])([^>"]+)[>"]')
 STD = r"<[a-z_]+>"  # C++ headers have neither path nor suffix; C and OS headers do
 HAL = r"hal/[a-z_]+\.hpp"
 MODEL = STD + r"|firmware/(types\.hpp|numeric/.*|mechanism/.*)"
-SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|(drive/(odrive|canopen|cia402|mit)|link/codec)\.hpp)"
+SHARED = r"firmware/(types\.hpp|numeric/.*|mechanism/params\.hpp|(drive/(odrive|canopen|cia402|mit|moteus)|link/codec)\.hpp)"
 
-BOARDS = rf"{STD}|{HAL}|firmware/.*|boards/.*|(chip|scene)\.hpp"
+BOARDS = rf"{STD}|{HAL}|firmware/.*|boards/.*|(chip|scene)\.hpp|bench_frames\.inc"
 
 # folder, search below it too, what its files may include (a whole match)
 RULES = [
@@ -70,25 +70,29 @@ HOST = {
     "bus": (VALUES, "effects report scene"),
     "drives": (VALUES, "effects plant scene"),
     "export": (VALUES, "scene"),
-    "controller": (CONTROLLER, "design drives scene"),
+    "plan": (CONTROLLER, "design scene"),
+    "controller": (CONTROLLER, "design drives plan scene"),
     "record": (CONTROLLER, "bus controller plant report scene"),
     "loop": (CONTROLLER, "bus controller drives plant record scene"),
+    "operate": (CONTROLLER, "bus controller loop record scene"),
     "calibrate": (CONTROLLER, "controller record report scene"),
     "identify": (CONTROLLER, "controller record report scene"),
     "check": (CONTROLLER, "bus controller design drives effects loop plant record report scene"),
     "spatial": (CONTROLLER, "effects loop record scene"),
-    "campaign": (CONTROLLER, "bus controller drives loop plant record report scene"),
+    "campaign": (CONTROLLER, "bus controller drives loop operate plant record report scene"),
     "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
-    "studies": (CONTROLLER, "check controller drives effects integrate loop plant problems record report scene sweep"),
+    "studies": (CONTROLLER, "check controller drives effects integrate loop plan plant problems record report scene sweep"),
+    "python": (CONTROLLER, "check controller drives loop record scene studies sweep"),
     "live": (CONTROLLER, "bus campaign controller drives effects loop plant record report scene"),
-    "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop record scene spatial studies sweep"),
+    "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop operate record scene spatial studies sweep"),
 }
 # Files that share a room with what sees the controller, and no more: the plant in space, the judge of a campaign and what it
-# judges, the equations of estimations.
+# judges, the supervisor computer's codec, the equations of estimations.
 ALONE = [
     (r"host_sim/spatial/plant\.[ch]pp", rf"{STD}|<Eigen/.*>|host_sim/spatial/(plant|params)\.hpp|{SHARED}"),
     (r"host_sim/campaign/(computer|protocol_traits|draw|injections|judge|times|faulty_bus|faulty_plant)\.[ch]pp",
-     rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/error\.hpp|{SHARED}"),
+     rf"<.*>|hal/.*|host_sim/(bus|campaign|drives|plant|scene)/.*|host_sim/operate/link_client\.hpp|host_sim/error\.hpp|{SHARED}"),
+    (r"host_sim/operate/link_client\.[ch]pp", rf"{STD}|hal/.*|host_sim/operate/link_client\.hpp|{SHARED}"),
     (r"host_sim/(calibrate/(?!calibrate\.)|identify/(?!identify\.))[a-z_]+\.[ch]pp",
      rf"<.*>|host_sim/(calibrate|identify|record)/.*|host_sim/(error|least_squares)\.hpp|{SHARED}"),
 ]
@@ -120,7 +124,7 @@ def table():
 NEVER_EIGEN = ("hal", "firmware/safety", "firmware/drive", "firmware/link", "firmware/numeric")
 HOSTED = re.compile(r"<(iostream|[io]?fstream|[io]?sstream|cstdio|cstdlib|new|memory|string|string_view|vector|deque|list|"
                     r"map|set|unordered_map|unordered_set|functional|exception|stdexcept|system_error|typeinfo|typeindex|"
-                    r"any|regex|locale|random|thread|mutex|atomic|condition_variable|future|filesystem|format)>")
+                    r"any|regex|locale|random|thread|mutex|condition_variable|future|filesystem|format)>")
 
 
 def files(root, folder, below):
@@ -256,6 +260,7 @@ def self_test(root):
         ("host_sim/identify/inertia.hpp", '#include "host_sim/controller/controller_config.hpp"'),
         ("host_sim/design/extremes.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/design/extremes.hpp", '#include "host_sim/scene/scene.hpp"'),
+        ("host_sim/plan/plan.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/studies/studies.hpp", '#include "tests/support/fake_bus.hpp"'),
     ]
     failed = 0

@@ -1,10 +1,12 @@
 #pragma once
 /// An FDCAN as a program sees it, by the reference manuals (RM0440 ch. 44, RM0433 ch. 56): registers by their
-/// addresses there, write protection, message memory, receive FIFO 0, transmit queue, time stamps, error
-/// states. What a program must not do is noted in `wrong`. Shares nothing with hal/fdcan.
+/// addresses there, write protection, message memory, filters, receive FIFO 0, interrupt line 0, transmit
+/// queue, time stamps, error states. What a program must not do is noted in `wrong`. Shares nothing with
+/// hal/fdcan.
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -31,7 +33,15 @@ class FdcanModel {
     r_[0x44] = 0x707;       // PSR
   }
   std::vector<std::string> wrong;
-  bool clocked = true;  ///< without a kernel clock INIT never follows
+  bool clocked = true;              ///< without a kernel clock INIT never follows
+  std::function<void()> handler{};  ///< of interrupt line 0
+  std::uint32_t interrupts = 0;     ///< calls of it
+
+  /// The processor takes no interrupts; one that is pending comes when they are allowed again.
+  void mask(bool masked) {
+    masked_ = masked;
+    serve();
+  }
 
   // --- the program's side
   // --------------------------------------------------------------------------------------------------
@@ -47,6 +57,7 @@ class FdcanModel {
              ((r_[0x50] & lost_flag()) != 0 ? 1U << 25 : 0U);
     }
     if (at == txbrp()) return pending_;
+    if (at == txbrp() + 12) return transmitted_;
     if (at == 0xC4) {
       std::uint32_t free = 0;
       while (free < tx_depth() && (pending_ & (1U << free)) != 0) ++free;
@@ -74,6 +85,7 @@ class FdcanModel {
       r_[0x18] = (v & ~1U) & (wanted_init_ ? ~0U : ~2U);
       return;
     }
+    if (at == 0x10 && (r_[0x18] & 1U << 7) == 0) return fault("TEST without CCCR.TEST");
     if (guarded_register(at) && !open) return fault("register " + std::to_string(at) + " while protected");
     if (at == 0x50) {
       r_[0x50] &= ~v;
@@ -85,10 +97,19 @@ class FdcanModel {
       if (init_) return fault("asks to send while not on the bus");
       if ((v & pending_) != 0) fault("writes a buffer that is pending");
       pending_ |= v;
+      transmitted_ &= ~v;
+      for (std::uint32_t i = 0; i < tx_depth(); ++i) {
+        for (std::uint32_t k = 0; k < i; ++k) {
+          if ((pending_ >> i & pending_ >> k & 1U) != 0 && rank(i) == rank(k))
+            fault("two pending frames of one identifier: their order is not defined");
+        }
+      }
     } else if (at == txbcr()) {
       if (!queue_mode()) fault("cancels in FIFO mode");
       for (std::uint32_t i = 0; i < tx_depth(); ++i) {
-        if ((v & (1U << i)) != 0 && on_wire_ != static_cast<int>(i)) pending_ &= ~(1U << i);
+        if ((v & (1U << i)) == 0) continue;
+        if (on_wire_ == static_cast<int>(i)) cancelled_ = true;  // decided by the end of the frame
+        if (on_wire_ != static_cast<int>(i)) pending_ &= ~(1U << i);
       }
     } else {
       r_[at] = v;
@@ -117,16 +138,18 @@ class FdcanModel {
     std::uint64_t best = ~std::uint64_t{0};
     for (std::uint32_t i = 0; i < tx_depth(); ++i) {
       if ((pending_ & (1U << i)) == 0) continue;
-      const std::uint32_t t0 = ram_[tx_at(i)];
-      const std::uint64_t rank = (t0 & (1U << 30)) != 0 ? (std::uint64_t{t0 & 0x1FFFFFFF} << 1) | 1
-                                                        : std::uint64_t{t0 & 0x1FFC0000} << 1;
-      if (rank < best) best = rank, on_wire_ = static_cast<int>(i);
+      if (rank(i) < best) best = rank(i), on_wire_ = static_cast<int>(i);
     }
     return element(tx_at(static_cast<std::uint32_t>(on_wire_)));
   }
+  /// CCCR.TEST, CCCR.MON and TEST.LBCK: the pins see nothing, and its frames come back to it.
+  [[nodiscard]] bool internal_loop_back() { return (reg(0x18) & 0xA0U) == 0xA0U && (reg(0x10) & 0x10U) != 0; }
   void delivered() {
+    if (internal_loop_back()) deliver(element(tx_at(static_cast<std::uint32_t>(on_wire_))));
     pending_ &= ~(1U << static_cast<unsigned>(on_wire_));
+    transmitted_ |= 1U << static_cast<unsigned>(on_wire_);
     on_wire_ = -1;
+    cancelled_ = false;
     if (tec_ > 0) --tec_;
   }
   std::optional<WireFrame> take() {
@@ -136,7 +159,7 @@ class FdcanModel {
   }
   /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus.
   void spoiled() {
-    on_wire_ = -1;
+    lost();
     tec_ += 8;
     if (tec_ > 255) off_ = true, init_ = wanted_init_ = true, settle_ = 0;
   }
@@ -145,20 +168,25 @@ class FdcanModel {
     bits(n);
     if (off_ && !init_ && (idle_ += n) >= 129 * 11) off_ = false, tec_ = rec_ = idle_ = 0;
   }
-  void deliver(const WireFrame& f) {
+  /// Another controller has won the bus: the frame begun stays pending, unless it was asked to be cancelled.
+  void lost() {
+    if (cancelled_) pending_ &= ~(1U << static_cast<unsigned>(on_wire_));
+    cancelled_ = false;
+    on_wire_ = -1;
+  }
+  /// `length`: bits since the frame began, of which the stamp tells.
+  void deliver(const WireFrame& f, std::uint32_t length = 0) {
     if (!on_bus()) return;
-    const std::uint32_t gfc = r_.contains(0x80) ? r_[0x80] : 0;
-    if (f.remote && (gfc & (f.extended ? 1U : 2U)) != 0) return;
-    if (((gfc >> (f.extended ? 2 : 4)) & 3U) != 0) return;  // not into FIFO 0
-    if (f.fd && (r_[0x18] & (1U << 8)) == 0) return;        // a form error, there
+    if (f.fd && (r_[0x18] & (1U << 8)) == 0) return;  // a form error, there
+    if (!heard(f)) return;
     if (depth() == 0 || fill_ == depth()) {
       r_[0x50] |= lost_flag();
-      return;
+      return serve();
     }
     const std::uint32_t at = rx_at(put_);
     ram_[at] = (f.extended ? f.id | 1U << 30 : f.id << 18) | (f.remote ? 1U << 29 : 0U);
-    ram_[at + 1] =
-        1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 | (read(0x24) & 0xFFFF);
+    ram_[at + 1] = 1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 |
+                   ((read(0x24) - length) & 0xFFFF);
     for (std::uint32_t w = 0; 4 * w < f.bytes.size(); ++w) {
       std::uint32_t v = 0;
       for (std::uint32_t k = 0; k < 4 && 4 * w + k < f.bytes.size(); ++k)
@@ -167,6 +195,8 @@ class FdcanModel {
     }
     put_ = (put_ + 1) % depth();
     ++fill_;
+    r_[0x50] |= 1;  // RF0N
+    serve();
   }
 
   struct Bit {
@@ -198,6 +228,50 @@ class FdcanModel {
     static const std::set<std::uint32_t> both{0x0C, 0x10, 0x14, 0x1C, 0x20, 0x28, 0x48, 0x80, 0xC0};
     static const std::set<std::uint32_t> full{0x84, 0x88, 0x90, 0xA0, 0xAC, 0xB0, 0xBC, 0xC8, 0xF0};
     return both.contains(at) || (g4() ? at == 0x84 || at == 0x100 : full.contains(at));
+  }
+  [[nodiscard]] bool asserted() {  // a flag that is enabled, on line 0, and the line is enabled
+    const std::uint32_t line = g4() ? (reg(0x58) & 1U) != 0 ? 7U : 0U : reg(0x58);
+    return (reg(0x50) & reg(0x54) & ~line) != 0 && (reg(0x5C) & 1U) != 0;
+  }
+  void serve() {
+    if (serving_) return;
+    serving_ = true;
+    for (int n = 0; handler && !masked_ && asserted(); ++n) {
+      if (n == 100) {
+        fault("an interrupt that does not end");
+        break;
+      }
+      ++interrupts;
+      handler();
+    }
+    serving_ = false;
+  }
+  /// The first matching filter decides; frames without one go where GFC says.
+  bool heard(const WireFrame& f) {
+    const std::uint32_t gfc = reg(0x80);
+    if (f.remote && (gfc & (f.extended ? 1U : 2U)) != 0) return false;
+    const std::uint32_t list = reg(f.extended ? 0x88 : 0x84);
+    const std::uint32_t begin = g4() ? (f.extended ? 0x70U / 4 : 0U) : (list & 0xFFFC) >> 2;
+    const std::uint32_t count = g4() ? gfc >> (f.extended ? 24 : 16) & (f.extended ? 0xFU : 0x1FU)
+                                     : list >> 16 & (f.extended ? 0x7FU : 0xFFU);
+    if (g4() && count > (f.extended ? 8U : 28U)) fault("more filters than there is room for");
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::uint32_t one = read_ram(begin + i * (f.extended ? 2 : 1));
+      const std::uint32_t two = f.extended ? read_ram(begin + 2 * i + 1) : 0;
+      const std::uint32_t kind = (f.extended ? two : one) >> 30, where = one >> (f.extended ? 29 : 27) & 7;
+      const std::uint32_t id = f.extended ? one & 0x1FFFFFFF : one >> 16 & 0x7FF;
+      const std::uint32_t mask = f.extended ? two & 0x1FFFFFFF : one & 0x7FF;
+      if (kind != 2 || where != 1) fault("a filter that is no mask into FIFO 0");
+      if (((f.id ^ id) & mask) == 0) return true;
+    }
+    const std::uint32_t others = gfc >> (f.extended ? 2 : 4) & 3U;
+    if (others == 1) fault("frames into FIFO 1, which nobody reads");
+    return others == 0;
+  }
+  std::uint64_t rank(std::uint32_t i) {
+    const std::uint32_t t0 = ram_[tx_at(i)];
+    return (t0 & (1U << 30)) != 0 ? (std::uint64_t{t0 & 0x1FFFFFFF} << 1) | 1
+                                  : std::uint64_t{t0 & 0x1FFC0000} << 1;
   }
   std::uint32_t reg(std::uint32_t at) { return r_.contains(at) ? r_[at] : 0; }
   std::uint32_t depth() { return g4() ? 3 : (reg(0xA0) >> 16) & 0x7F; }
@@ -237,9 +311,10 @@ class FdcanModel {
 
   Chip chip_;
   std::map<std::uint32_t, std::uint32_t> r_, ram_;
-  bool init_ = true, wanted_init_ = true, off_ = false;
+  bool init_ = true, wanted_init_ = true, off_ = false, masked_ = false, serving_ = false;
+  bool cancelled_ = false;  // the frame on the wire is asked to be
   int settle_ = 0, on_wire_ = -1;
-  std::uint32_t pending_ = 0, get_ = 0, put_ = 0, stamp_ = 0, tec_ = 0, rec_ = 0, idle_ = 0;
+  std::uint32_t pending_ = 0, transmitted_ = 0, get_ = 0, put_ = 0, stamp_ = 0, tec_ = 0, rec_ = 0, idle_ = 0;
   std::size_t fill_ = 0;
 };
 

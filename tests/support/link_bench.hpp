@@ -28,8 +28,8 @@ inline LinkConfig link_config() {
 }
 
 /// Link, supervisor and desk; the drives obey at once.
-struct Bench {
-  explicit Bench(const LinkConfig& c = link_config()) : link(c) { desk.session = c.session; }
+struct LinkBench {
+  explicit LinkBench(const LinkConfig& c = link_config()) : link(c) { desk.session = c.session; }
 
   /// `bus_takes`: whether frames get out.
   Request tick(const std::vector<hal::CanFrame>& frames = {}, Fault f = Fault::none) {
@@ -47,6 +47,10 @@ struct Bench {
       return bus_takes;
     });
     return r;
+  }
+  /// Quiet ticks until all that is due has been sent, one frame in each.
+  void settle() {
+    for (int i = 0; i < 8; ++i) tick();
   }
   Outcome one(const hal::CanFrame& f) {
     tick({f});

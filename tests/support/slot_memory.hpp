@@ -28,6 +28,7 @@ struct SlotMemory {
   int refused_at = -1;  ///< is not begun the first time
   int flips_at = -1;    ///< programs another word, number flips_word of the unit, and says nothing
   unsigned flips_word = 0;
+  int rots_at = -1;  ///< what it programs cannot be read, and it says nothing
   int begun = 0;
 
   static Slot filled(std::uint32_t w) {
@@ -115,7 +116,7 @@ struct SlotMemory {
     }
     for (unsigned i = from_; i < to_; ++i) {
       slots[slot_][i] = next_[i - from_];
-      unreadable[slot_][i] = false;
+      unreadable[slot_][i] = begun - 1 == rots_at;
       programmed[slot_][i] = !erases_;
     }
   }

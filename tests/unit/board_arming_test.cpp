@@ -55,7 +55,8 @@ class Bench {
             host::make_cycle_config<M>(scene, host::Pacing::realtime, reference_))),
         board_{Bus(FdcanModelAccess{&model_}), {}, {true}, {}, {}, 0},
         loop_(make_loop(node_, board_)) {
-    EXPECT_TRUE(board_.bus().open(80'000'000, 1'000'000));
+    EXPECT_TRUE(board_.bus().open(80'000'000, 1'000'000, 0, node_.filters()));
+    model_.handler = [this] { board_.bus().interrupt(); };
     for (const host::PlacedAxis& place : host::placed_axes(scene)) {
       places_.push_back(place);
       axes_.push_back(nullptr);

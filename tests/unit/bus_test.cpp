@@ -106,6 +106,73 @@ TEST(Wire, ByHand) {
             111U);
 }
 
+/// Bits of a CAN FD frame up to the end of its data with stuff bits as the standard inserts them: none behind
+/// the last one, where a fixed one follows; `slow`: those at the slow rate.
+std::string fd_stuffed(const CanFrame& f, std::size_t& slow) {
+  const auto digits = [](std::uint32_t v, int n) {
+    std::string s;
+    while (n-- > 0) s += (v >> n & 1U) != 0 ? '1' : '0';
+    return s;
+  };
+  std::string plain = "0";
+  plain += f.extended ? digits(f.id >> 18U, 11) + "11" + digits(f.id & 0x3FFFFU, 18) + "0"
+                      : digits(f.id, 11) + "00";
+  plain += f.bit_rate_switch ? "101" : "100";
+  const std::size_t head = plain.size();
+  const std::map<int, std::uint32_t> codes = {{12, 9},  {16, 10}, {20, 11}, {24, 12},
+                                              {32, 13}, {48, 14}, {64, 15}};
+  plain += "0" + digits(f.size <= 8 ? f.size : codes.at(f.size), 4);
+  for (std::uint8_t i = 0; i < f.size; ++i) plain += digits(f.data[i], 8);
+  std::string out;
+  for (std::size_t i = 0; i < plain.size(); ++i) {
+    out += plain[i];
+    std::size_t run = 0;
+    while (run < out.size() && out[out.size() - 1 - run] == out.back()) ++run;
+    if (run == 5 && i + 1 < plain.size()) out += out.back() == '0' ? '1' : '0';
+    if (i + 1 == head) slow = out.size();
+  }
+  if (!f.bit_rate_switch) slow = out.size();
+  return out;
+}
+
+TEST(Wire, FlexibleRate) {
+  std::mt19937 random(2);
+  std::uint32_t most = 0;
+  for (int n = 0; n < 20000; ++n) {
+    CanFrame f;
+    f.fd = true;
+    f.bit_rate_switch = n % 5 != 0;
+    f.extended = n % 2 == 1;
+    f.id = static_cast<std::uint32_t>(random()) & (f.extended ? 0x1FFF'FFFFU : 0x7FFU);
+    if (n % 11 == 0) f.id = 0;
+    f.size = esmc::hal::can_fd_size(static_cast<std::uint8_t>(random() % 65));
+    const auto kind = random() % 4;
+    for (std::size_t i = 0; i < f.size; ++i)
+      f.data[i] =
+          static_cast<std::uint8_t>(kind == 0 ? random() : (kind == 1 ? 0 : (kind == 2 ? 0xFF : 0xF0)));
+    std::size_t slow = 0;
+    const std::string wire = fd_stuffed(f, slow);
+    const WireFrame w = on_the_wire(f);
+    ASSERT_EQ(text(w), wire) << std::hex << f.id;
+    // Stuff count and CRC, a fixed stuff bit before and after every four; then as in a classic frame.
+    const unsigned check = f.size <= 16 ? 21 : 25;
+    const double fast = 0.2, rest = static_cast<double>(wire.size() - slow + check + 1 + check / 4);
+    const double slow_rest = f.bit_rate_switch ? 0.0 : rest,
+                 exact =
+                     static_cast<double>(slow) + 13.0 + slow_rest + (f.bit_rate_switch ? fast * rest : 0.0);
+    ASSERT_NEAR(exact_bits(f, fast), exact, 1.0);
+    ASSERT_GE(exact_bits(f, fast), exact - 1e-6);
+    ASSERT_LE(exact_bits(f, fast), worst_bits(f, fast));
+    ASSERT_GE(exact_bits(f, fast), fd_bits(f.size, f.extended, f.bit_rate_switch ? fast : 1.0, false));
+    if (f.size == 32 && f.extended && f.bit_rate_switch) most = std::max(most, exact_bits(f, fast));
+  }
+  // A torque command to a moteus and its reply: 44 + 13 and 21 + 13 slow bits at most, 358 and 238 fast ones.
+  EXPECT_EQ(fd_bits(32, true, 0.2, true), 57U + 72U);
+  EXPECT_EQ(fd_bits(20, false, 0.2, true), 34U + 48U);
+  EXPECT_EQ(fd_bits(8, false, 0.2, false), 30U + 20U) << "69 of data, 27 of the CRC";
+  EXPECT_GT(most, 100U);
+}
+
 // Nominal and worst lengths as the literature tabulates them for 11-bit identifiers.
 TEST(Wire, LengthsOfTheTable) {
   const std::map<std::uint32_t, std::pair<std::uint32_t, std::uint32_t>> table = {

@@ -119,6 +119,13 @@ TEST(Cia402Cycle, BeatsOnWhenItIsDisabledAgainAndNotInAFault) {
   EXPECT_FALSE(c.beats());
 }
 
+TEST(Cia402Cycle, ADriveThatIsNotWhatWasConfiguredIsNotArmed) {
+  Clocked c;
+  c.slaves[1].objects[entry(0x6502, 0)] = 0;  // no cyclic synchronous torque
+  EXPECT_FALSE(c.start());
+  EXPECT_EQ(c.cycle.supervisor().fault(), Fault::drive_configuration);
+}
+
 // Sampled at SYNC: a tick later it is a tick old, wherever in that tick the answer has come and however long
 // it has waited.
 TEST(Cia402Cycle, ASetThatTheTickCutsInTwoIsOneTickOldAndNoMore) {

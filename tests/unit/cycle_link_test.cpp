@@ -63,6 +63,13 @@ struct Linked {
     for (int i = 0; i < ticks && desk.state != state; ++i) tick();
     ASSERT_EQ(desk.state, state);
   }
+  void arm_for_set_points() {
+    for (int i = 0; i < 6; ++i) tick();
+    tick({desk.ask(2)});
+    tick({desk.order(Desk::stream)});
+    tick({desk.order(Desk::arm)});
+    until_told(static_cast<unsigned>(State::running));
+  }
   Rig<M> rig;
   Desk desk;
 };
@@ -83,6 +90,7 @@ TEST(CycleLink, StoredGainsAreTheControllersBeforeAnythingCanBeArmed) {
     for (int i = 0; i < 10; ++i) l.tick({l.desk.ask(2)});
     for (const unsigned i : {0U, 1U}) l.tick({l.desk.set_gain(i, 33.0F)});
     for (const unsigned i : {2U, 3U}) l.tick({l.desk.set_gain(i, 11.0F)});
+    for (int i = 0; i < 10; ++i) l.tick();  // their answers and the table
     l.tick({l.desk.order(Desk::store)});
     for (int i = 0; i < 100; ++i) {
       link::serve(l.rig.cycle.link(), slots);
@@ -188,11 +196,7 @@ TEST(CycleLink, TheReferenceRunsUnlessTheComputerChoosesOtherwise) {
 
 TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
   Linked<FiveBar<double>> l;
-  for (int i = 0; i < 6; ++i) l.tick();
-  l.tick({l.desk.ask(2)});
-  l.tick({l.desk.order(Desk::stream)});
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.arm_for_set_points();
   const auto before = l.tick();
   const auto refused = l.rig.cycle.link().counters().refused;
   l.tick({l.desk.pair(Desk::point, 900'000, 900'000)});
@@ -201,6 +205,20 @@ TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
   EXPECT_EQ(after.state, State::running);
   EXPECT_EQ(after.desired_effector, before.desired_effector);
   EXPECT_EQ(l.rig.cycle.link().counters().refused, refused + 1);
+}
+
+TEST(CycleLink, HoldEndsTheWayToASetPoint) {
+  Linked<FiveBar<double>> l;
+  l.arm_for_set_points();
+  const Vec2<double> start = l.tick().desired_effector;
+  l.tick({l.desk.pair(Desk::point, 0, 200'000)});
+  for (int i = 0; i < 20; ++i) l.tick();
+  l.tick({l.desk.order(Desk::hold)});
+  for (int i = 0; i < 300; ++i) l.tick();
+  const Vec2<double> end = l.tick().desired_effector;
+  EXPECT_GT((end - start).norm(), 1e-5);
+  EXPECT_GT((end - Vec2<double>(0.0, 0.2)).norm(), 1e-3);
+  EXPECT_EQ(l.tick().desired_effector, end);
 }
 
 TEST(CycleLink, SomebodyWhoSpeaksInOurNameIsAForeignController) {
@@ -262,6 +280,7 @@ TEST(CycleLink, GainsReachTheLaw) {
       for (const unsigned i : {2U, 3U}) l.tick({l.desk.set_gain(i, 8.0F)});
     }
     l.tick({l.desk.ask(2)});
+    for (int i = 0; i < 10; ++i) l.tick();  // answers and the table
     l.tick({l.desk.order(Desk::arm)});
     l.until_told(static_cast<unsigned>(State::running));
     for (int i = 0; i < 20; ++i) l.tick();
@@ -281,7 +300,7 @@ TEST(CycleLink, DriveErrorsAreToldWithTheirAxis) {
   Linked<FiveBar<double>> l;
   ASSERT_TRUE(l.rig.start());
   l.rig.error[1] = 0x1234;
-  l.tick();
+  for (int i = 0; i < 10; ++i) l.tick();
   EXPECT_EQ(l.desk.last(Desk::record).data[1], 1);
   EXPECT_EQ(Desk::word(l.desk.last(Desk::detail), 4, 4), 0x1234U);
 }
@@ -295,7 +314,7 @@ TEST(CycleLink, TelemetryIsWhatTheTickDid) {
     r = l.tick();
     if (l.desk.count(Desk::effector) == 0) continue;
     EXPECT_EQ(Desk::real(l.desk.last(Desk::effector), 0), static_cast<float>(r.effector[0]));
-    for (int k = 0; k < 3; ++k) l.tick();  // the rest of the set, of the same tick
+    for (int k = 0; k < 8; ++k) l.tick();  // the rest of the set, of the same tick
     EXPECT_EQ(Desk::real(l.desk.last(Desk::error), 4),
               static_cast<float>(r.desired_effector[1] - r.effector[1]));
     EXPECT_EQ(Desk::real(l.desk.last(Desk::joint + 1), 4), static_cast<float>(r.torque[2]));

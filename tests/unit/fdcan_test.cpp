@@ -1,7 +1,9 @@
-/// The FDCAN driver against a model of the controller at register level: bit timing, formats, FIFOs, error
-/// states.
+/// The FDCAN driver against a model of the controller at register level: bit timing, formats, filters, the
+/// interrupt, priorities, error states.
 
 #include <gtest/gtest.h>
+
+#include <thread>
 
 #include "hal/fdcan/fdcan.hpp"
 #include "tests/support/fdcan_model.hpp"
@@ -16,6 +18,13 @@ template <class Part>
 struct Rig {
   FdcanModel model{std::is_same_v<Part, hal::fdcan::G4> ? FdcanModel::Chip::g4 : FdcanModel::Chip::h7};
   hal::Fdcan<Part, FdcanModelAccess> bus{FdcanModelAccess{&model}};
+  Rig() {
+    model.handler = [this] { bus.interrupt(); };
+  }
+  void poll() {
+    CanFrame none;
+    (void)bus.try_receive(none);
+  }
   ~Rig() {
     for (const std::string& w : model.wrong) ADD_FAILURE() << w;
   }
@@ -51,6 +60,11 @@ TYPED_TEST(Fdcan, BitTimingIsExactAndSampledLate) {
   }
 }
 
+TYPED_TEST(Fdcan, OnABusItHasNoLoopBack) {
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+  EXPECT_FALSE(this->model.internal_loop_back());
+}
+
 TYPED_TEST(Fdcan, RatesThatCannotBeHadAreRefused) {
   EXPECT_FALSE(this->bus.open(24'000'000, 0));
   EXPECT_FALSE(this->bus.open(24'000'000, 800'001));
@@ -78,30 +92,87 @@ TYPED_TEST(Fdcan, FormatsGoOutAsTheyAre) {
   EXPECT_EQ(this->bus.try_send(frame(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true)), SendStatus::ok);
   EXPECT_EQ(this->bus.try_send(frame(0x100, {}, true)), SendStatus::ok);
   EXPECT_EQ(this->bus.try_send(remote), SendStatus::ok);
-  CanFrame none;
   std::vector<WireFrame> got;
   while (auto f = this->model.take()) {
     got.push_back(*f);
-    (void)this->bus.try_receive(none);  // the loop polls
+    this->poll();
   }
   WireFrame asked{.id = 0x29, .remote = true, .dlc = 8};
-  EXPECT_EQ(got, (std::vector<WireFrame>{wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}),
-                                         wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true), wire(0x100, {}, true),
-                                         asked}));
+  EXPECT_EQ(got, (std::vector<WireFrame>{wire(0x100, {}, true), asked, wire(0x7FF, {1, 2, 3, 4, 5, 6, 7, 8}),
+                                         wire(0x1FFFFFFF, {0xAA, 0xBB, 0xCC}, true)}));
 }
 
-TYPED_TEST(Fdcan, OrderIsKeptWhateverTheIdentifiers) {
+TYPED_TEST(Fdcan, TheMostUrgentGoesFirst) {
   ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
   for (std::uint32_t i = 0; i < 10; ++i)
     EXPECT_EQ(this->bus.try_send(frame(0x700 - i, {static_cast<int>(i)})), SendStatus::ok);
-  CanFrame none;
-  for (std::uint32_t i = 0; i < 10; ++i) {
+  for (std::uint32_t i = 10; i-- > 0;) {
+    this->poll();
     const auto f = this->model.take();
     ASSERT_TRUE(f);
     EXPECT_EQ(f->id, 0x700 - i);
-    (void)this->bus.try_receive(none);
+    EXPECT_EQ(f->bytes, std::vector<std::uint8_t>{static_cast<std::uint8_t>(i)});
   }
   EXPECT_FALSE(this->model.take());
+  EXPECT_EQ(this->bus.withdrawn(), 0U);
+}
+
+/// Three buffers of less urgent frames, one of them on the wire: it ends, then the urgent one goes.
+TYPED_TEST(Fdcan, AnUrgentFrameWaitsForOneFrameAtMost) {
+  for (const bool spoiled : {false, true}) {
+    ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+    for (const std::uint32_t id : {0x702U, 0x701U, 0x700U, 0x703U})
+      EXPECT_EQ(this->bus.try_send(frame(id, {static_cast<int>(id & 0xFU)})), SendStatus::ok);
+    ASSERT_EQ(this->model.begin_frame()->id, 0x700U);
+    EXPECT_EQ(this->bus.try_send(frame(0x10, {9})), SendStatus::ok);
+    EXPECT_EQ(this->bus.try_send(frame(0x10, {8})), SendStatus::ok);
+    this->poll();
+    if (spoiled) {
+      this->model.spoiled();
+    } else {
+      this->model.delivered();
+    }
+    std::vector<std::uint32_t> order;
+    for (std::optional<WireFrame> f; (f = this->model.take()); this->poll()) {
+      order.push_back(f->id);
+      if (f->id == 0x10U) {
+        EXPECT_EQ(f->bytes[0], order.size() == 1 ? 9 : 8);
+      } else {
+        EXPECT_EQ(f->bytes[0], f->id & 0xFU);
+      }
+    }
+    std::vector<std::uint32_t> want{0x10, 0x10, 0x701, 0x702, 0x703};
+    if (spoiled) want.insert(want.begin() + 2, 0x700);
+    EXPECT_EQ(order, want);
+    EXPECT_EQ(this->bus.withdrawn(), 0U);
+  }
+}
+
+/// A cancelled frame that is on the wire is withdrawn only if it fails there.
+TYPED_TEST(Fdcan, ACancelThatLosesIsNotCounted) {
+  for (const bool spoiled : {false, true}) {
+    ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+    const std::uint32_t before = this->bus.withdrawn();
+    for (const std::uint32_t id : {0x10U, 0x11U}) {
+      CanFrame f = frame(id, {1});
+      f.perishable = true;
+      EXPECT_EQ(this->bus.try_send(f), SendStatus::ok);
+    }
+    EXPECT_EQ(this->bus.try_send(frame(0x12, {2})), SendStatus::ok);
+    ASSERT_EQ(this->model.begin_frame()->id, 0x10U);
+    this->bus.withdraw();
+    if (spoiled) {
+      this->model.spoiled();
+    } else {
+      this->model.delivered();
+    }
+    this->poll();
+    EXPECT_EQ(this->bus.withdrawn() - before, spoiled ? 2U : 1U);
+    const auto f = this->model.take();
+    ASSERT_TRUE(f);
+    EXPECT_EQ(f->id, 0x12U);
+    EXPECT_FALSE(this->model.take());
+  }
 }
 
 TYPED_TEST(Fdcan, FullIsSaidAndNothingIsOverwritten) {
@@ -110,12 +181,11 @@ TYPED_TEST(Fdcan, FullIsSaidAndNothingIsOverwritten) {
   while (taken < 100 && this->bus.try_send(frame(0x10, {taken})) == SendStatus::ok) ++taken;
   EXPECT_EQ(taken, 33);  // one with the controller
   EXPECT_EQ(this->bus.try_send(frame(0x11, {})), SendStatus::bus_full);
-  CanFrame none;
   for (int i = 0; i < taken; ++i) {
     const auto f = this->model.take();
     ASSERT_TRUE(f);
     EXPECT_EQ(f->bytes[0], i);
-    (void)this->bus.try_receive(none);
+    this->poll();
   }
 }
 
@@ -156,24 +226,76 @@ TYPED_TEST(Fdcan, EverythingIsHeard) {
   }
 }
 
-TYPED_TEST(Fdcan, AFullFifoKeepsTheOldestAndCountsWhatItLost) {
-  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
-  const int depth = std::is_same_v<TypeParam, hal::fdcan::G4> ? 3 : 32;
-  for (int i = 0; i < depth + 4; ++i) this->model.deliver(wire(0x40, {static_cast<std::uint8_t>(i)}));
+TYPED_TEST(Fdcan, FiltersHearWhatTheyAcceptAndCostNoInterrupt) {
+  hal::IdFilters filters;
+  filters.add({0x20, 0x7E0, false});
+  filters.add({0x7FF, 0x7FF, false});
+  filters.add({0x68, 0x1FFF'C0FF, true});
+  for (const std::uint32_t id : {0x1FU, 0x20U, 0x3FU, 0x40U, 0x68U, 0x7FEU, 0x7FFU, 0x2968U, 0x4868U}) {
+    for (const bool extended : {false, true}) {
+      if (id > 0x7FF && !extended) continue;
+      for (const bool remote : {false, true}) {
+        ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000, 0, filters));
+        const std::uint32_t before = this->model.interrupts;
+        WireFrame w = wire(id, {}, extended);
+        w.remote = remote;
+        this->model.deliver(w);
+        const bool wanted = extended ? id == 0x68 || id == 0x2968 : (id >= 0x20 && id < 0x40) || id == 0x7FF;
+        EXPECT_EQ(this->model.interrupts - before, wanted ? 1U : 0U) << id << extended << remote;
+        CanFrame f;
+        EXPECT_EQ(this->bus.try_receive(f), wanted) << id << extended << remote;
+      }
+    }
+  }
+  // More extended ones than a G4 has room for: everything is heard.
+  for (std::uint32_t i = 0; i < 8; ++i) filters.add({i, 0x1FFF'FFFF, true});
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000, 0, filters));
+  this->model.deliver(wire(0x12345, {}, true));
   CanFrame f;
-  for (int i = 0; i < depth; ++i) {
+  ASSERT_TRUE(this->bus.try_receive(f));
+  EXPECT_EQ(f.id, 0x12345U);
+}
+
+TYPED_TEST(Fdcan, WhileTheProgramIsBusyTheRingFills) {
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+  const auto value = [](int i) { return static_cast<std::uint8_t>(i); };
+  for (int i = 0; i < 64; ++i) this->model.deliver(wire(0x40, {value(i)}));
+  EXPECT_EQ(this->bus.overruns(), 0U);
+  for (int i = 64; i < 68; ++i) this->model.deliver(wire(0x40, {value(i)}));
+  EXPECT_EQ(this->bus.overruns(), 4U);
+  CanFrame f;
+  for (int i = 0; i < 64; ++i) {
     ASSERT_TRUE(this->bus.try_receive(f));
     EXPECT_EQ(f.data[0], i);
   }
   EXPECT_FALSE(this->bus.try_receive(f));
-  EXPECT_EQ(this->bus.overruns(), 1U);
-  // Round and round.
+  // Round and round, never empty.
+  this->model.deliver(wire(0x41, {value(255)}));
   for (int i = 0; i < 200; ++i) {
-    this->model.deliver(wire(0x41, {static_cast<std::uint8_t>(i)}));
+    this->model.deliver(wire(0x41, {value(i)}));
     ASSERT_TRUE(this->bus.try_receive(f));
-    EXPECT_EQ(f.data[0], i);
+    EXPECT_EQ(f.data[0], value(i - 1));
   }
-  EXPECT_EQ(this->bus.overruns(), 1U);
+  EXPECT_EQ(this->bus.overruns(), 4U);
+}
+
+TYPED_TEST(Fdcan, MaskedInterruptsLeaveTheFifoWhichKeepsTheOldest) {
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000));
+  const int depth = std::is_same_v<TypeParam, hal::fdcan::G4> ? 3 : 32;
+  CanFrame f;
+  for (int round = 0; round < 5; ++round) {
+    this->model.mask(true);
+    for (int i = 0; i < depth + (round == 4 ? 4 : 0); ++i)
+      this->model.deliver(wire(0x40, {static_cast<std::uint8_t>(i)}));
+    EXPECT_FALSE(this->bus.try_receive(f));
+    this->model.mask(false);
+    for (int i = 0; i < depth; ++i) {
+      ASSERT_TRUE(this->bus.try_receive(f));
+      EXPECT_EQ(f.data[0], i);
+    }
+    EXPECT_FALSE(this->bus.try_receive(f));
+    EXPECT_EQ(this->bus.overruns(), round == 4 ? 1U : 0U);
+  }
 }
 
 TYPED_TEST(Fdcan, AgeOfAFrame) {
@@ -201,7 +323,6 @@ TYPED_TEST(Fdcan, WhatTheBusHasNotTakenIsWithdrawn) {
   this->bus.withdraw();
   EXPECT_EQ(this->bus.withdrawn(), 5U);
   EXPECT_EQ(this->bus.try_send(frame(0x11, {77})), SendStatus::ok);
-  CanFrame none;
   auto f = this->model.take();
   ASSERT_TRUE(f);
   EXPECT_EQ(f->id, 0x11U);
@@ -212,7 +333,7 @@ TYPED_TEST(Fdcan, WhatTheBusHasNotTakenIsWithdrawn) {
   this->bus.withdraw();
   EXPECT_EQ(this->bus.try_send(frame(0x21, {2})), SendStatus::ok);
   this->model.delivered();
-  (void)this->bus.try_receive(none);
+  this->poll();
   f = this->model.take();
   ASSERT_TRUE(f);
   EXPECT_EQ(f->id, 0x21U);
@@ -224,16 +345,17 @@ TYPED_TEST(Fdcan, WhatOthersCountOnIsNotWithdrawn) {
     CanFrame f = frame(0x700 - static_cast<std::uint32_t>(i), {i});
     f.perishable = i % 3 != 0;
     EXPECT_EQ(this->bus.try_send(f), SendStatus::ok);
+    this->poll();
     if (i % 5 == 4) this->bus.withdraw();
   }
   this->bus.withdraw();
-  CanFrame none;
-  for (const std::uint32_t i : {0U, 3U, 6U, 9U}) {
+  for (const std::uint32_t i : {9U, 6U, 3U, 0U}) {
+    this->poll();
     const auto f = this->model.take();
     ASSERT_TRUE(f);
     EXPECT_EQ(f->id, 0x700 - i);
-    (void)this->bus.try_receive(none);
   }
+  this->poll();
   EXPECT_FALSE(this->model.take());
   EXPECT_EQ(this->bus.withdrawn(), 8U);
 }
@@ -295,8 +417,52 @@ TYPED_TEST(Fdcan, FdFrames) {
   EXPECT_EQ(got.data[63], 0x5A);
 }
 
+/// The producer is another thread: what the consumer sees is whole and in order.
+TEST(SpscRing, IsInOrderBetweenTwoThreads) {
+  constexpr std::uint32_t count = 200'000;
+  hal::SpscRing<std::array<std::uint32_t, 8>, 16> ring;
+  std::thread producer([&] {
+    for (std::uint32_t i = 0; i < count;) {
+      auto* const slot = ring.free_slot();
+      if (slot == nullptr) {
+        std::this_thread::yield();
+        continue;
+      }
+      slot->fill(i++);
+      ring.push();
+    }
+  });
+  std::uint32_t wrong = 0;
+  for (std::uint32_t i = 0; i < count;) {
+    const auto* const slot = ring.front();
+    if (slot == nullptr) {
+      std::this_thread::yield();
+      continue;
+    }
+    for (const std::uint32_t v : *slot) wrong += v == i ? 0 : 1;
+    ring.pop();
+    ++i;
+  }
+  producer.join();
+  EXPECT_EQ(wrong, 0U);
+  EXPECT_EQ(ring.front(), nullptr);
+}
+
+TYPED_TEST(Fdcan, InLoopBackItHearsItself) {
+  ASSERT_TRUE(this->bus.open(24'000'000, 1'000'000, 0, {}, true));
+  EXPECT_TRUE(this->model.internal_loop_back());
+  CanFrame got;
+  for (const CanFrame& sent : {frame(0x29, {1, 2, 3, 4, 5, 6, 7, 8}), frame(0x1234567, {9}, true)}) {
+    EXPECT_EQ(this->bus.try_send(sent), SendStatus::ok);
+    EXPECT_FALSE(this->bus.try_receive(got)) << "it takes the time of a frame";
+    ASSERT_TRUE(this->model.take());
+    ASSERT_TRUE(this->bus.try_receive(got));
+    EXPECT_EQ(got, sent);
+  }
+}
+
 static_assert(hal::TimesFrames<hal::Fdcan<hal::fdcan::G4, FdcanModelAccess>>);
-static_assert(hal::fdcan_code(8) == 8 && hal::fdcan_code(9) == 9 && hal::fdcan_code(64) == 15);
+static_assert(hal::can_fd_code(8) == 8 && hal::can_fd_code(9) == 9 && hal::can_fd_code(64) == 15);
 
 }  // namespace
 }  // namespace esmc::test

@@ -6,6 +6,7 @@
 #include <array>
 
 #include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/linked.hpp"
 #include "tests/support/random_mechanism.hpp"
 
 namespace esmc::test {
@@ -268,6 +269,9 @@ TYPED_TEST(Fusion, TheFaultTellsWhichEncoder) {
     const auto result = controller.tick(sample, supervisor);
     EXPECT_EQ(result.fault, Fault::loop_not_closed);
     EXPECT_EQ(controller.odd_encoder(), odd + 1);
+    // Motors, at joints 0 and 2, are told first; then the passive encoders.
+    constexpr std::array<int, 4> told{0, 2, 1, 3};
+    EXPECT_EQ(report_of(controller, result, sample).axis, told.at(static_cast<unsigned>(odd)));
     sample.angle[odd] -= S(0.03);
     (void)controller.tick(sample, supervisor);
     EXPECT_EQ(controller.odd_encoder(), odd + 1) << "it stays known";

@@ -11,12 +11,12 @@ namespace {
 
 using namespace esmc;
 using namespace esmc::link;
-using test::Bench;
 using test::Desk;
 using test::link_config;
+using test::LinkBench;
 
 TEST(Link, WhatIsAskedForBeforeItRunsDoesNotWait) {
-  Bench b;
+  LinkBench b;
   b.listen();
   for (const unsigned source : {Desk::stream, Desk::reference, Desk::hold}) {
     ASSERT_EQ(b.one(b.desk.order(source)), Outcome::obeyed);
@@ -33,7 +33,7 @@ TEST(Link, WhatIsAskedForBeforeItRunsDoesNotWait) {
 }
 
 TEST(Link, SetPointsWithinTheirBounds) {
-  Bench b;
+  LinkBench b;
   b.run();
   const Request r = b.tick({b.desk.pair(Desk::point, -123'456, 170'000)});
   EXPECT_TRUE(r.has_point);
@@ -52,7 +52,7 @@ TEST(Link, SetPointsWithinTheirBounds) {
 }
 
 TEST(Link, ASampleIsAPositionAndItsVelocity) {
-  Bench b;
+  LinkBench b;
   b.run();
   Request r = b.tick(b.sample(10'000, 170'000, 50'000, -20'000));
   EXPECT_TRUE(r.has_sample);
@@ -64,34 +64,34 @@ TEST(Link, ASampleIsAPositionAndItsVelocity) {
   // A velocity alone, twice, or of another sample.
   EXPECT_EQ(b.one(b.desk.pair(Desk::velocity, 50'000, -20'000)), Outcome::refused);
   b.desk.counter[Desk::position] = b.desk.counter[Desk::velocity] = 3;
-  Bench c;
+  LinkBench c;
   c.run();
   const auto p = c.desk.pair(Desk::position, 10'000, 170'000);
   c.desk.counter[Desk::velocity] = c.desk.counter[Desk::position];
   EXPECT_FALSE(c.tick({p, c.desk.pair(Desk::velocity, 0, 0)}).has_sample) << "another counter";
   EXPECT_EQ(c.outcomes[1], Outcome::refused);
   // In another space.
-  Bench d;
+  LinkBench d;
   d.run();
   EXPECT_EQ(d.one(d.desk.pair(Desk::position, 0, 170'000, 1)), Outcome::refused);
-  Bench e;
+  LinkBench e;
   e.run();
   e.tick({e.desk.pair(Desk::position, 0, 170'000), e.desk.pair(Desk::velocity, 0, 0, 1)});
   EXPECT_EQ(e.outcomes[1], Outcome::refused);
   // Out of bounds.
-  Bench f;
+  LinkBench f;
   f.run();
   EXPECT_EQ(f.one(f.desk.pair(Desk::position, 400'000, 170'000)), Outcome::refused);
 }
 
 TEST(Link, SpeedOfASampleIsLimited) {
   for (const auto& [vx, vy] : {std::pair{100'001, 0}, {-100'001, 0}, {0, 100'001}, {0, -100'001}}) {
-    Bench b;
+    LinkBench b;
     b.run();
     b.tick(b.sample(0, 170'000, vx, vy));
     EXPECT_EQ(b.outcomes[1], Outcome::refused);
   }
-  Bench b;
+  LinkBench b;
   b.run();
   b.tick(b.sample(0, 170'000, 100'000, -100'000));
   EXPECT_EQ(b.outcomes[1], Outcome::obeyed);
@@ -100,7 +100,7 @@ TEST(Link, SpeedOfASampleIsLimited) {
 /// At 1 m/s and 10 m/s2, 1 ms apart: 1 mm and 0.01 m/s, twice that for the time on the way.
 TEST(Link, SamplesDoNotJump) {
   const auto second = [](int x, int y, int vx, int vy, int gap = 0) {
-    Bench b;
+    LinkBench b;
     b.run();
     b.tick(b.sample(0, 170'000, 0, 0));
     for (int i = 0; i < gap; ++i) b.tick();
@@ -118,7 +118,7 @@ TEST(Link, SamplesDoNotJump) {
 }
 
 TEST(Link, AStreamThatDiesIsAFault) {
-  Bench b;
+  LinkBench b;
   b.run();
   b.tick(b.sample(0, 170'000, 0, 0));
   for (int i = 0; i < 3; ++i) b.tick();
@@ -132,7 +132,7 @@ TEST(Link, AStreamThatDiesIsAFault) {
 
 TEST(Link, AStreamEndsWithASetPointOrHold) {
   for (const bool hold : {true, false}) {
-    Bench b;
+    LinkBench b;
     b.run();
     b.tick(b.sample(0, 170'000, 0, 0));
     const Request r = b.tick({hold ? b.desk.order(Desk::hold) : b.desk.pair(Desk::point, 0, 170'000)});
@@ -142,7 +142,7 @@ TEST(Link, AStreamEndsWithASetPointOrHold) {
     EXPECT_EQ(b.supervisor.state(), State::running);
   }
   // The last one of a tick counts.
-  Bench b;
+  LinkBench b;
   b.run();
   auto frames = b.sample(0, 170'000, 0, 0);
   frames.insert(frames.begin(), {b.desk.pair(Desk::point, 0, 170'000), b.desk.order(Desk::hold)});
@@ -153,7 +153,7 @@ TEST(Link, AStreamEndsWithASetPointOrHold) {
 TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
   LinkConfig c = link_config();
   c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});
-  Bench b(c);
+  LinkBench b(c);
   b.run();
   for (int i = 0; i < 30; ++i) b.one(b.desk.order(Desk::none));
   EXPECT_EQ(b.supervisor.state(), State::running);
@@ -166,7 +166,7 @@ TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
 }
 
 TEST(Link, RecordedFramesOfAnotherEpisodeMoveNothing) {
-  Bench b;
+  LinkBench b;
   b.run();
   std::vector<hal::CanFrame> recording;
   for (int i = 0; i < 48; ++i) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <numeric>
 #include <string_view>
 #include <vector>
 
@@ -11,9 +12,9 @@ namespace {
 
 using namespace esmc;
 using namespace esmc::link;
-using test::Bench;
 using test::Desk;
 using test::link_config;
+using test::LinkBench;
 
 TEST(Crc, CheckValuesOfTheCatalogue) {
   constexpr std::string_view digits = "123456789";
@@ -35,8 +36,27 @@ TEST(Link, IsNotThereWithoutABase) {
   EXPECT_EQ(none.take().command, Command::none);
 }
 
+TEST(Link, HearsTheIdentifiersOfItsBlockAndNoOthers) {
+  const auto heard = [](const CommandLink& link) {
+    hal::IdFilters filters;
+    link.add_filters(filters);
+    std::vector<std::uint32_t> ids;
+    for (std::uint32_t id = 0; id < 0x800; ++id) {
+      for (const hal::IdFilter& f : filters.list()) {
+        if (f.matches({.id = id})) ids.push_back(id);
+        EXPECT_FALSE(f.matches({.id = id, .extended = true}));
+      }
+    }
+    return ids;
+  };
+  std::vector<std::uint32_t> block(32);
+  std::iota(block.begin(), block.end(), 0x780);
+  EXPECT_EQ(heard(CommandLink(test::link_config())), block);
+  EXPECT_TRUE(heard(CommandLink{}).empty());
+}
+
 TEST(Link, FramesOfOthersAreNotItsBusiness) {
-  Bench b;
+  LinkBench b;
   hal::CanFrame f = b.desk.order(Desk::off);
   f.extended = true;
   EXPECT_EQ(b.one(f), Outcome::not_mine);
@@ -55,7 +75,7 @@ TEST(Link, FramesOfOthersAreNotItsBusiness) {
 }
 
 TEST(Link, FormatIsCheckedBeforeAnythingElse) {
-  Bench b;
+  LinkBench b;
   b.run();
   const int before = b.link.counters().refused;
   for (unsigned message = 0; message < 16; ++message) {
@@ -77,7 +97,7 @@ TEST(Link, FormatIsCheckedBeforeAnythingElse) {
 }
 
 TEST(Link, BitsWithoutAMeaningAreMalformed) {
-  Bench b;
+  LinkBench b;
   b.run();
   const auto with = [&](unsigned message, std::uint64_t payload, unsigned tag) {
     return b.one(b.desk.make(message, payload, tag));
@@ -97,7 +117,7 @@ TEST(Link, BitsWithoutAMeaningAreMalformed) {
 }
 
 TEST(Link, EveryFlippedBitIsFound) {
-  Bench b;
+  LinkBench b;
   b.run();
   for (const unsigned message : {0U, 1U, 2U, 3U, 4U, 5U}) {
     const hal::CanFrame good = message == 0 ? b.desk.order(Desk::off) : b.desk.make(message, 0);
@@ -115,7 +135,7 @@ TEST(Link, EveryFlippedBitIsFound) {
 }
 
 TEST(Link, ArmsDisarmsAndResets) {
-  Bench b;
+  LinkBench b;
   b.listen();
   EXPECT_EQ(b.one(b.desk.order(Desk::none)), Outcome::obeyed);
   EXPECT_EQ(b.supervisor.state(), State::disabled);
@@ -146,7 +166,7 @@ TEST(Link, ArmsDisarmsAndResets) {
 }
 
 TEST(Link, OffIsNotSoftenedAndNotOverruled) {
-  Bench b;
+  LinkBench b;
   b.run();
   EXPECT_EQ(b.tick({b.desk.order(Desk::disarm), b.desk.order(Desk::off), b.desk.order(Desk::disarm)}).command,
             Command::stop);
@@ -159,7 +179,7 @@ TEST(Link, OffIsNotSoftenedAndNotOverruled) {
 }
 
 TEST(Link, TakingTorqueAwayNeedsNeitherCounterNorSession) {
-  Bench b;
+  LinkBench b;
   b.run();
   const hal::CanFrame good = b.desk.order(Desk::off);
   EXPECT_EQ(b.one(good), Outcome::obeyed);
@@ -177,10 +197,13 @@ TEST(Link, TakingTorqueAwayNeedsNeitherCounterNorSession) {
     EXPECT_EQ(b.one(b.desk.seal(f, 0)), Outcome::refused) << what;
   }
   EXPECT_EQ(b.one(b.desk.seal(b.desk.pair(Desk::point, 0, 0), 0)), Outcome::bad_crc);
+  hal::CanFrame reserved = b.desk.order(Desk::off);
+  reserved.data[3] = 1;
+  EXPECT_EQ(b.one(b.desk.seal(reserved, 0)), Outcome::refused);
 }
 
 TEST(Link, AnOrderAnswersARecentStatus) {
-  Bench b;
+  LinkBench b;
   b.listen();
   const std::uint32_t tick = b.desk.tick;
   for (int i = 0; i < 60; ++i) b.tick();
@@ -198,7 +221,7 @@ TEST(Link, AnOrderAnswersARecentStatus) {
 
 /// As where the program stood still: the frame names a recent tick, for none has been counted meanwhile.
 TEST(Link, AnOrderThatWaitedToBeReadIsAsOldAsItWaited) {
-  Bench b;
+  LinkBench b;
   b.listen();
   EXPECT_EQ(b.link.receive(b.desk.order(Desk::arm), 60'000), Outcome::refused);
   EXPECT_EQ(b.link.receive(b.desk.order(Desk::off), 60'000), Outcome::obeyed)
@@ -207,7 +230,7 @@ TEST(Link, AnOrderThatWaitedToBeReadIsAsOldAsItWaited) {
 
 TEST(Link, CounterRules) {
   for (int step = 0; step < 16; ++step) {
-    Bench b;
+    LinkBench b;
     b.run();
     ASSERT_EQ(b.one(b.desk.pair(Desk::point, 0, 170'000)), Outcome::obeyed);
     b.desk.counter[Desk::point] = static_cast<std::uint8_t>((b.desk.counter[Desk::point] + step - 1) & 15);
@@ -220,7 +243,7 @@ TEST(Link, CounterRules) {
 }
 
 TEST(Link, AComputerThatStartsAnewIsInStepAfterFifteenFrames) {
-  Bench b;
+  LinkBench b;
   b.listen();
   b.desk.counter[0] = static_cast<std::uint8_t>(b.desk.counter[0] + 7);
   ASSERT_EQ(b.one(b.desk.order(Desk::none)), Outcome::obeyed);
@@ -233,7 +256,7 @@ TEST(Link, AComputerThatStartsAnewIsInStepAfterFifteenFrames) {
 TEST(Link, SessionsSkipTheOneThatIsForAll) {
   LinkConfig c = link_config();
   c.session = 255;
-  Bench b(c);
+  LinkBench b(c);
   b.run();
   b.tick({b.desk.order(Desk::off)});
   b.tick();

@@ -371,14 +371,16 @@ TYPED_TEST(Slots, OneStepPerPollAndOneOrderAtATime) {
 
 TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
   const int operations = 1 + 8 / static_cast<int>(TypeParam::unit_words);
-  for (int kind = 0; kind < 4; ++kind) {
+  for (int kind = 0; kind < 5; ++kind) {
     for (int n = 0; n < operations; ++n) {
       TypeParam memory;
       memory.put(0, record(6, newer));
       memory.put(1, record(5, older));
       if (kind >= 2 && n == 0) continue;
       memory.flips_word = kind == 2 ? 0 : TypeParam::unit_words - 1;
-      (kind == 0 ? memory.fails_at : kind == 1 ? memory.refused_at : memory.flips_at) = n;
+      const std::array member{&TypeParam::fails_at, &TypeParam::refused_at, &TypeParam::flips_at,
+                              &TypeParam::flips_at, &TypeParam::rots_at};
+      memory.*member.at(static_cast<unsigned>(kind)) = n;
       Store s(memory);
       s.slots.store(wanted);
       s.finish();
@@ -386,7 +388,7 @@ TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
       EXPECT_EQ(s.slots.status().sequence, 6U);
       EXPECT_EQ(s.contents()[0], SlotContent::valid);
       EXPECT_EQ(Store(memory).taken, newer);
-      memory.fails_at = memory.refused_at = memory.flips_at = -1;
+      memory.fails_at = memory.refused_at = memory.flips_at = memory.rots_at = -1;
       s.slots.store(wanted);
       s.finish();
       EXPECT_EQ(s.slots.status().state, StoreState::stored) << "another time";

@@ -96,6 +96,9 @@ def recorded(out):
     assert in_order(["disabled", "enabling", "running", "halting"], [r["state"] for r in rows])
     assert any(float(r["torque_1"]) != 0 for r in rows if r["state"] == "running")
     assert all(float(r["torque_1"]) == 0 for r in rows if r["state"] in ("disabled", "fault"))
+    # The kernel keeps other nodes' frames from it: id and mask of the link's block, with the bit of the identifier's length.
+    filters = (out / "filters").read_text(encoding="ascii")
+    assert re.search(r"vcan0 +0*780 +800007e0", filters), filters
     counts = [line.split(",") for line in (out / "histogram.csv").read_text(encoding="ascii").splitlines()[1:]]
     for what in ("lateness", "tick"):
         assert sum(int(n) for w, _, n in counts if w == what) == end["ticks"], what

@@ -27,6 +27,7 @@ def main():
         if job.returncode != 0:
             print(job.stdout, job.stderr)
             return 1
+        print(job.stdout.strip())
         for name in ("one", "plant"):
             got = json.loads((Path(folder) / name / "summary.json").read_text())
             for key in ("digest", "final_state", "ticks"):

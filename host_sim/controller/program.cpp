@@ -1,0 +1,147 @@
+#include "host_sim/controller/program.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <deque>
+#include <mutex>
+
+#include "host_sim/controller/numbers.hpp"
+#include "host_sim/error.hpp"
+
+namespace esmc::host {
+namespace {
+
+/// A mechanism without friction, with a point mass at its effector.
+FiveBarParams<double> frictionless(FiveBarParams<double> p, bool arm, double payload) {
+  for (LegParams<double>& leg : p.legs)
+    leg.d1 = leg.d2 = leg.gamma1 = leg.gamma2 = leg.asymmetry1 = leg.asymmetry2 = 0.0;
+  return with_payload(p, arm, payload);
+}
+
+/// Friction of the scene's effects; without such effects what the controller believes.
+plan::Friction friction_of(const Scene& scene) {
+  const ProgramScene& p = scene.reference.program;
+  if (p.friction) return {p.viscous, p.coulomb, p.asymmetry};
+  const FiveBarParams<double> b = believed_mechanism(scene);
+  plan::Friction out;
+  for (std::size_t j = 0; j < 4; ++j) {
+    const LegParams<double>& leg = b.legs[j / 2];
+    out.viscous[j] = j % 2 == 0 ? leg.d1 : leg.d2;
+    out.dry[j] = j % 2 == 0 ? leg.gamma1 : leg.gamma2;
+    out.asymmetry[j] = j % 2 == 0 ? leg.asymmetry1 : leg.asymmetry2;
+  }
+  return out;
+}
+
+/// All numbers that a plan depends on: equal lists, equal plans.
+template <class M>
+std::vector<double> numbers_of(const Scene& scene, const plan::Problem<M>& p) {
+  const auto& c = p.controller;
+  std::vector<double> out;
+  const FiveBarParams<double> b = believed_mechanism(scene);
+  put(out, M::joints, c.motors, c.sensors, c.torque_limit, c.limits.min_abs_sin_type1,
+      c.limits.min_abs_sin_type2, c.limits.joint_speed, p.tick, p.repeat, p.start, p.start_base, b.l0, b.m0,
+      b.g, b.legs[0], b.legs[1], scene.reference.program.payload, p.loaded.has_value(),
+      p.uncertain.has_value());
+  for (const auto& r :
+       {c.limits.workspace_x, c.limits.workspace_y, c.limits.joint_angle[0], c.limits.joint_angle[1]})
+    put(out, r.lower, r.upper);
+  for (const auto& list : {p.friction.viscous, p.friction.dry, p.friction.asymmetry})
+    put(out, list[0], list[1], list[2], list[3]);
+  put(out, scene.working_mode[0], scene.working_mode[1], scene.assembly_mode);
+  for (const MoveScene& m : p.moves) {
+    put(out, m.kind, m.to[0], m.to[1], m.via[0], m.via[1], m.blend, m.speed.value_or(-1.0),
+        m.acceleration.value_or(-1.0), m.jerk.value_or(-1.0), m.time.value_or(-1.0),
+        static_cast<double>(m.through.size()), static_cast<double>(m.working_mode.size()));
+    for (const auto& point : m.through) put(out, point[0], point[1]);
+    for (const int mode : m.working_mode) put(out, mode);
+  }
+  if (p.uncertain) {
+    const UncertaintyScene& u = p.uncertain->uncertainty;
+    put(out, c.law, u.m1, u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload);
+    for (const auto& joints : {u.viscous, u.coulomb}) {
+      put(out, joints.has_value());
+      if (joints) put(out, (*joints)[0], (*joints)[1], (*joints)[2], (*joints)[3]);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+template <class M>
+plan::Problem<M> program_problem(const Scene& scene) {
+  const ProgramScene& program = scene.reference.program;
+  const bool arm = scene.type == MechanismType::rr;
+  const FiveBarParams<double> believed = believed_mechanism(scene);
+  plan::Problem<M> p;
+  ReferenceBundle<double> nowhere;
+  nowhere.reference.kind = ReferenceKind::path;
+  p.controller = controller_without_design<M>(scene, Pacing::lockstep, nowhere);
+  if (!scene.closed_loop()) {  // there is no controller, but a plan that no torque limits
+    p.controller.torque_limit.setConstant(1e9);
+    p.controller.torque_weight.setOnes();
+  }
+  p.controller.reference = {};
+  p.controller.torque_limit = p.controller.torque_limit.cwiseMin(program.drive_torque);
+  if (scene.uncertainty && scene.closed_loop() && scene.law != LawChoice::pd) {
+    auto& u = p.uncertain.emplace();
+    u.controller = p.controller;
+    u.believed = believed;
+    u.uncertainty = *scene.uncertainty;
+  }
+  p.controller.mechanism = make_mechanism(frictionless(believed, arm, 0.0), static_cast<M*>(nullptr));
+  if (program.payload > 0.0)
+    p.loaded = make_mechanism(frictionless(believed, arm, program.payload), static_cast<M*>(nullptr));
+  p.friction = friction_of(scene);
+  p.moves = program.moves;
+  p.repeat = scene.reference.repeat;
+  p.start = {program.start[0], program.start[1]};
+  p.start_base = {program.start_base[0], program.start_base[1]};
+  p.tick = scene.tick();
+  return p;
+}
+
+template <class M>
+plan::Plan planned(const plan::Problem<M>& p) {
+  try {
+    return plan::plan(p);
+  } catch (const plan::Refused& e) {
+    const std::string key = e.key().empty() ? "" : "." + e.key();
+    throw InputError(p.moves[e.move()].place(e.key()),
+                     fmt::format("'reference.moves[{}]{}' {}", e.move() + 1, key, e.what()));
+  }
+}
+
+std::shared_ptr<const plan::Plan> planned_program(const Scene& scene) {
+  struct Known {
+    std::vector<double> of;
+    std::shared_ptr<const plan::Plan> plan;
+  };
+  static std::mutex mutex;
+  static std::deque<Known> known;  // every look at a reference asks for it
+  constexpr std::size_t known_max = 32;
+  return with_mechanism<double>(scene, [&]<class M>(const M*) {
+    const plan::Problem<M> p = program_problem<M>(scene);
+    const std::vector<double> key = numbers_of(scene, p);
+    {
+      const std::lock_guard lock(mutex);
+      for (const Known& k : known) {
+        if (k.of == key) return k.plan;
+      }
+    }
+    const auto made = std::make_shared<const plan::Plan>(planned(p));
+    const std::lock_guard lock(mutex);
+    known.push_back({key, made});
+    if (known.size() > known_max) known.pop_front();
+    return made;
+  });
+}
+
+template plan::Problem<FiveBar<double>> program_problem(const Scene&);
+template plan::Problem<Rr<double>> program_problem(const Scene&);
+template plan::Plan planned(const plan::Problem<FiveBar<double>>&);
+template plan::Plan planned(const plan::Problem<Rr<double>>&);
+
+}  // namespace esmc::host

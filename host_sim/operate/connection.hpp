@@ -1,0 +1,119 @@
+#pragma once
+/// A console's connection to one controller on a bus: frames in and out, the sign of life, questions and
+/// their answers.
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "firmware/link/parameters.hpp"
+#include "host_sim/bus/host_bus.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/loop/waiting.hpp"
+#include "host_sim/operate/link_client.hpp"
+#include "host_sim/scene/scene.hpp"
+
+namespace esmc::host {
+
+/// The controller refuses, or has a fault; the text begins with the name of the reason. Exit 1.
+class Refused : public RunError {
+ public:
+  using RunError::RunError;
+};
+
+/// Base identifiers of the controllers that send Status on a bus: listens until the first is found,
+/// `patience` at most, and then as long as another one may take. Sends nothing.
+std::vector<std::uint32_t> find_controllers(HostBus& bus, std::chrono::milliseconds patience);
+
+class Connection {
+ public:
+  using Clock = std::chrono::steady_clock;
+  /// Where and when, us since the connection began, a frame passed, and whether it was sent from here.
+  using Tap = std::function<void(std::int64_t time_us, const hal::CanFrame&, bool sent)>;
+
+  /// Waits for a Status and an Identity of the controller at `base`. Throws RunError when nothing is heard,
+  /// and for a later version of the protocol. `bus` must outlive this.
+  Connection(HostBus& bus, std::uint32_t base);
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  [[nodiscard]] const ControllerNews& news() const { return client_.news(); }
+  [[nodiscard]] const link::Status& status() const { return *client_.news().status; }
+  [[nodiscard]] LinkClient& client() { return client_; }
+  [[nodiscard]] HostBus& bus() { return bus_; }
+  void tap(Tap to) { tap_ = std::move(to); }  ///< empty: none
+
+  enum class Alive : std::uint8_t {
+    no,
+    unless_another,  ///< only while no other supervisor computer is heard: two of them would confuse the
+                     ///< alive counter
+    always,          ///< of the console that has armed
+  };
+  /// Sends a sign of life from now on, at most every 20 ms and for each Status.
+  void keep_alive(Alive how);
+
+  /// Sends a frame; waits for the bus to take it. Throws RunError when the bus is gone.
+  void send(const hal::CanFrame& f);
+  /// Reads the frames that wait, up to `patience` for the first, and sends the sign of life when it is due.
+  /// Throws RunError when the bus is gone or the controller has been silent for 5 s.
+  void pump(std::chrono::nanoseconds patience);
+  /// Pumps until done(); `stoppable`: or Ctrl-C.
+  template <class Done>
+  Waited until(const Done& done, double seconds, bool stoppable = true) {
+    const auto end = Clock::now() + std::chrono::duration<double>(seconds);
+    while (!done()) {
+      if (stoppable && stop_requested()) return Waited::stopped;
+      if (Clock::now() > end) return Waited::silent;
+      pump(std::chrono::milliseconds(5));
+    }
+    return Waited::done;
+  }
+
+  /// Reads all parameters, until their checksum is that of the controller's table.
+  void read_parameters();
+  [[nodiscard]] float parameter(link::Index i) const {
+    return news().parameter[static_cast<std::size_t>(i)].value;
+  }
+  /// Writes a parameter and returns the answer.
+  link::Answer write(std::uint8_t index, float value);
+  /// Sends a frame until it arrives in step, and returns whether the controller obeyed. `done`: an effect
+  /// that shows it as well.
+  bool obeyed(
+      const std::function<hal::CanFrame()>& frame, const std::function<bool()>& done = [] { return false; });
+  bool obeyed(
+      link::Order o, const std::function<bool()>& done = [] { return false; }) {
+    return obeyed([&] { return client_.order(o); }, done);
+  }
+  /// Reads the fault records.
+  void read_faults();
+
+ private:
+  static constexpr double answer_seconds =
+      20.0;  // of a slow controller on a busy machine; mostly a few ticks
+
+  /// Sends 15 frames: one of them is in step, whatever counter an earlier program has left.
+  void get_in_step(const std::function<hal::CanFrame()>& frame);
+  /// Asks with frames of `ask` every 0.2 s until `answered`. Throws RunError without an answer.
+  void ask(const std::function<void()>& ask, const std::function<bool()>& answered, const char* what);
+  /// The counters after all frames sent so far.
+  link::Counters fenced_counters();
+
+  HostBus& bus_;
+  LinkClient client_;
+  Tap tap_;
+  /// Whether another supervisor computer was heard just now.
+  [[nodiscard]] bool another() const {
+    return others_ > 0 &&
+           (Clock::now() - other_ < std::chrono::milliseconds(200) || news().statuses - other_status_ < 3);
+  }
+
+  Alive alive_ = Alive::no;
+  std::uint8_t fence_ = 0;
+  std::uint32_t answered_status_ = 0, others_ = 0, other_status_ = 0;
+  Clock::time_point begin_ = Clock::now(), heard_ = begin_, alive_at_{}, other_{};
+};
+
+}  // namespace esmc::host

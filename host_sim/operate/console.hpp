@@ -1,0 +1,97 @@
+#pragma once
+/// The orders of an operator, one function each. What may move is decided by the controller; a console asks
+/// and reports.
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "host_sim/operate/connection.hpp"
+#include "host_sim/operate/telemetry_record.hpp"
+
+namespace esmc::host {
+
+/// Finite number of a word. Throws InputError; `what` names it.
+double number_of(const std::string& word, const char* what);
+
+inline constexpr double order_seconds = 10.0;  ///< until an order shows in a Status; mostly a few ticks
+
+class Console {
+ public:
+  using Words = std::vector<std::string>;
+  struct Command {
+    const char* name;
+    const char* arguments;
+    const char* meaning;
+    std::size_t least, most;  ///< arguments
+    void (Console::*run)(const Words&);
+  };
+  static std::span<const Command> commands();
+  /// Throws InputError unless the words are a command with as many arguments as it takes.
+  static const Command& command_of(const Words& words);
+
+  /// `scene`: null, or that of the controller; outlives this, as `connection`. `single`: each command is a
+  /// call of its own; what implies motion then stays until it is done, and this console brings to rest what
+  /// it has armed.
+  Console(Connection& connection, const Scene* scene, bool json, bool single)
+      : link_(connection), scene_(scene), json_(json), single_(single) {}
+
+  /// Carries out a command. Throws InputError, Refused, RunError.
+  void run(const Words& words);
+  /// The end of this console: what it has armed comes to rest under control, as after `halt`, and drives to
+  /// idle.
+  void leave();
+  /// Whether Ctrl-C ended a motion.
+  [[nodiscard]] bool interrupted() const { return interrupted_; }
+  /// For `jog` without a duration: whether it goes on.
+  void hold_to_run(bool (*held)()) { held_ = held; }
+
+ private:
+  void status(const Words& words);
+  void arm(const Words& words);
+  void off(const Words& words);
+  void halt(const Words& words);
+  void reset(const Words& words);
+  void zero(const Words& words);
+  void go_to(const Words& words);
+  void jog(const Words& words);
+  void run_reference(const Words& words);
+  void hold(const Words& words);
+  void set(const Words& words);
+  void store(const Words& words);
+  void record(const Words& words);
+
+  void say(const std::string& text) const;
+  [[nodiscard]] const link::Status& now() const { return link_.status(); }
+  [[nodiscard]] bool armed() const;
+  /// Throws Refused with the fault's name where there is one.
+  void require_no_fault() const;
+  [[noreturn]] void refuse(const char* reason, const std::string& what) const;
+  /// Arms with this source of motion and waits for `running`.
+  void start(link::Source source);
+  /// For a motion: running under set points; in a call of its own it arms first.
+  void require_guided();
+  /// Throws Refused where the controller is not running any more.
+  void require_running() const;
+  /// Stays, as the sign of life, until Ctrl-C or until the controller is not running.
+  void stay();
+  /// The order to come to rest, until the controller is.
+  void bring_to_rest();
+  [[nodiscard]] link::Space space() const;
+  /// The reference's position, m, or the measured base joints, rad. Throws Refused without telemetry.
+  std::array<double, 2> position(link::Space space);
+  [[nodiscard]] std::array<std::size_t, 2> base_joints() const;
+
+  Connection& link_;
+  const Scene* scene_;
+  bool json_, single_;
+  bool own_ = false;  ///< armed by this console
+  bool interrupted_ = false;
+  bool (*held_)() = nullptr;
+  std::unique_ptr<TelemetryRecord> record_;
+};
+
+}  // namespace esmc::host

@@ -1,0 +1,252 @@
+/// The commands that arm, move and bring to rest.
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "host_sim/operate/console.hpp"
+#include "host_sim/operate/jog_stream.hpp"
+
+namespace esmc::host {
+namespace {
+
+constexpr double arming_seconds = 60.0;
+constexpr double rest_seconds = 60.0;
+constexpr double arrived = 3e-6;  // m; positions on the wire are integers of 1 um, telemetry is 32-bit
+
+/// Least time, s, of a rest-to-rest quintic within speed and acceleration.
+double least_time(double distance, double speed, double acceleration) {
+  return std::max(1.875 * distance / speed, std::sqrt(10.0 / std::sqrt(3.0) * distance / acceleration));
+}
+
+/// After Ctrl-C nothing begins to move.
+void require_not_interrupted() {
+  if (stop_requested()) throw Interrupted("interrupted: nothing moves");
+}
+
+}  // namespace
+
+void Console::start(link::Source source) {
+  require_no_fault();
+  if (now().state != State::disabled) refuse("not_now", "arming begins while disabled");
+  const link::Order wanted = source == link::Source::stream ? link::Order::stream : link::Order::reference;
+  const auto chosen = [&] { return now().source == source; };
+  if (!chosen() && (!link_.obeyed(wanted, chosen) || link_.until(chosen, order_seconds) == Waited::silent))
+    refuse("refused", "the source of motion was not taken");
+  require_not_interrupted();
+  own_ = true;
+  link_.keep_alive(Connection::Alive::always);
+  const auto left = [&] { return now().state != State::disabled || now().fault != Fault::none; };
+  if (!link_.obeyed(link::Order::arm, left) || link_.until(left, order_seconds) == Waited::silent) {
+    own_ = false;
+    refuse("refused", "the order to arm was not taken");
+  }
+  const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
+  const Waited w = link_.until(over, arming_seconds);
+  if (w == Waited::stopped) bring_to_rest();
+  require_not_interrupted();
+  require_running();
+}
+
+void Console::require_running() const {
+  require_no_fault();
+  if (now().state != State::running)
+    throw Refused(fmt::format("not_armed: the controller is {}", name(now().state)));
+}
+
+void Console::require_guided() {
+  require_no_fault();
+  if (single_ && now().state == State::disabled) return start(link::Source::stream);
+  require_running();
+  if (!own_) link_.keep_alive(Connection::Alive::unless_another);
+  if (now().source != link::Source::stream)
+    refuse("not_now", "the source of motion is not set points: halt, then arm");
+}
+
+void Console::stay() {
+  const auto ended = [&] { return now().state != State::running; };
+  interrupted_ = link_.until(ended, 1e9) == Waited::stopped;
+  if (interrupted_) return bring_to_rest();
+  if (now().state == State::halting || now().state == State::lowering || now().state == State::stopping)
+    (void)link_.until(
+        [&] {
+          return now().state == State::disabled || now().state == State::holding ||
+                 now().state == State::fault;
+        },
+        rest_seconds);
+  own_ = false;
+  require_no_fault();
+}
+
+void Console::bring_to_rest() {
+  // Neither counter nor tick is needed; once more every 0.1 s, for a frame may be lost.
+  const auto resting = [&] {
+    return !armed() ? now().state != State::stopping : now().state == State::holding;
+  };
+  const auto give_up = Connection::Clock::now() + std::chrono::duration<double>(rest_seconds);
+  while (!resting()) {
+    if (Connection::Clock::now() > give_up) refuse("not_at_rest", "the mechanism did not come to rest");
+    if (now().state != State::stopping) link_.send(link_.client().order(link::Order::disarm));
+    (void)link_.until(resting, 0.1, false);
+  }
+  own_ = false;
+  say(name(now().state));
+}
+
+void Console::arm(const Words&) {
+  start(link::Source::stream);
+  const auto silence = static_cast<unsigned>(link_.parameter(link::Index::silence));
+  if (!single_) return say(name(now().state));
+  say(fmt::format("running; this call is the sign of life ({}): Ctrl-C halts",
+                  silence > 0 ? fmt::format("without it the controller comes to rest after {} ticks", silence)
+                              : "the scene asks for none"));
+  stay();
+}
+
+void Console::run_reference(const Words&) {
+  start(link::Source::reference);
+  say("running: follows the scene's reference");
+  if (single_) stay();
+}
+
+void Console::halt(const Words&) { bring_to_rest(); }
+
+void Console::off(const Words&) {
+  const auto without = [&] { return now().state == State::disabled || now().state == State::fault; };
+  const auto give_up = Connection::Clock::now() + std::chrono::duration<double>(rest_seconds);
+  while (!without()) {
+    if (Connection::Clock::now() > give_up) refuse("refused", "the controller did not switch off");
+    link_.send(link_.client().order(link::Order::off));
+    (void)link_.until(without, 0.1, false);
+  }
+  own_ = false;
+  say(name(now().state));
+}
+
+void Console::hold(const Words&) {
+  require_running();
+  if (!link_.obeyed(link::Order::hold)) refuse("not_now", "hold is for motion under set points");
+  say("holds");
+}
+
+link::Space Console::space() const {
+  return scene_ != nullptr && scene_->reference.type == ReferenceType::joint_sine ? link::Space::base_joints
+                                                                                  : link::Space::effector;
+}
+
+std::array<std::size_t, 2> Console::base_joints() const {
+  const auto& joint = link_.news().joint;
+  return joint[3] ? std::array<std::size_t, 2>{0, 2} : std::array<std::size_t, 2>{0, 1};
+}
+
+std::array<double, 2> Console::position(link::Space space) {
+  const ControllerNews& n = link_.news();
+  const auto heard = [&] { return n.effector && n.error && n.joint[0] && n.joint[1]; };
+  if (link_.until(heard, order_seconds) == Waited::silent)
+    throw Refused("no_telemetry: command.telemetry_ticks of the controller's scene is 0");
+  const auto real = [](float v) { return static_cast<double>(v); };
+  if (space == link::Space::base_joints) {
+    const auto [a, b] = base_joints();
+    return {real((*n.joint[a])[0]), real((*n.joint[b])[0])};
+  }
+  const auto &x = *n.effector, &error = *n.error;
+  return {real(x[0]) + real(error[0]), real(x[1]) + real(error[1])};
+}
+
+void Console::go_to(const Words& words) {
+  const std::array<double, 2> to{number_of(words[1], "goto: X"), number_of(words[2], "goto: Y")};
+  if (!link_.client().set_point(space(), to))
+    throw Refused("out_of_bounds: the command interface carries +-8.388607");
+  require_guided();
+  const auto from = position(space());
+  require_not_interrupted();
+  if (!link_.obeyed([&] { return *link_.client().set_point(space(), to); }))
+    refuse("out_of_bounds",
+           fmt::format("{} {} is outside the scene's limits or out of reach", words[1], words[2]));
+  const double distance = std::max(std::abs(to[0] - from[0]), std::abs(to[1] - from[1]));
+  const double least = least_time(distance, static_cast<double>(link_.parameter(link::Index::speed)),
+                                  static_cast<double>(link_.parameter(link::Index::acceleration)));
+  const auto begin = Connection::Clock::now();
+  const std::uint32_t sets = link_.news().telemetry;
+  std::array<double, 2> last = from;
+  std::uint32_t steady = sets;
+  // Of base joints only the measured angles are heard: they have arrived when they rest.
+  const auto there = [&] {
+    if (now().state != State::running || now().fault != Fault::none) return true;
+    if (link_.news().telemetry < sets + 2) return false;
+    const auto at = position(space());
+    if (space() == link::Space::effector)
+      return std::max(std::abs(at[0] - to[0]), std::abs(at[1] - to[1])) <= arrived;
+    if (std::max(std::abs(at[0] - last[0]), std::abs(at[1] - last[1])) > 1e-3) {
+      last = at;
+      steady = link_.news().telemetry;
+    }
+    return link_.news().telemetry > steady + 5 &&
+           std::chrono::duration<double>(Connection::Clock::now() - begin).count() > least;
+  };
+  const Waited w = link_.until(there, 20.0 * least + 30.0);
+  if (w == Waited::stopped) {
+    interrupted_ = true;
+    return bring_to_rest();
+  }
+  require_running();
+  if (w == Waited::silent) refuse("not_reached", "the set point was not reached in time");
+  const auto at = position(space());
+  say(fmt::format("at {:.6f} {:.6f}", at[0], at[1]));
+}
+
+namespace {
+
+/// Axis 0 or 1 of the scene's space that a word names. Throws InputError for another word, Refused for
+/// another space.
+std::size_t axis_of_word(const std::string& word, link::Space space, const Scene* scene) {
+  const bool effector = word == "x" || word == "y";
+  std::optional<std::size_t> joint;
+  if (word == "1" || word == "theta11" || word == "theta1") joint = 0;
+  if (word == "2" || word == "theta21" || word == "theta2") joint = 1;
+  if (!effector && !joint)
+    refuse_at("", "jog: '{}' is no axis; allowed are x, y, and 1, 2 or the name of a base joint",
+              printable(word));
+  if (effector != (space == link::Space::effector))
+    throw Refused(fmt::format("other_space: this controller takes {}",
+                              space == link::Space::effector
+                                  ? (scene != nullptr ? "x and y (its reference is not joint_sine)"
+                                                      : "x and y; base joints need SCENE")
+                                  : "base joints (its reference is joint_sine)"));
+  return effector ? (word == "x" ? 0 : 1) : *joint;
+}
+
+}  // namespace
+
+void Console::jog(const Words& words) {
+  const link::Space space = this->space();
+  const std::size_t axis = axis_of_word(words[1], space, scene_);
+  const double speed = number_of(words[2], "jog: SPEED"),
+               seconds = words.size() > 3 ? number_of(words[3], "jog: SECONDS") : 0.0;
+  if (words.size() > 3 && !(seconds > 0.0)) refuse_at("", "jog: SECONDS must be > 0");
+  if (!(std::abs(speed) <= static_cast<double>(link_.parameter(link::Index::speed))))
+    refuse("out_of_bounds",
+           fmt::format("jog: command.speed is {} m/s or rad/s", link_.parameter(link::Index::speed)));
+  require_guided();
+  JogStream stream(link_, space, position(space), axis);
+  if (!stream.begin()) refuse("refused", "the stream was not taken");
+  const auto begin = Connection::Clock::now();
+  const auto go_on = [&] {
+    if (stop_requested() || now().state != State::running || now().fault != Fault::none) return false;
+    if (words.size() > 3)
+      return std::chrono::duration<double>(Connection::Clock::now() - begin).count() < seconds;
+    return held_ == nullptr || held_();
+  };
+  const bool limit = !stream.run(speed, go_on, scene_);
+  require_running();
+  if (stop_requested()) {
+    interrupted_ = true;
+    return bring_to_rest();
+  }
+  const auto at = position(space);
+  say(fmt::format("{}holds near {:.6f} {:.6f}", limit ? "at the scene's limit: " : "", at[0], at[1]));
+}
+
+}  // namespace esmc::host

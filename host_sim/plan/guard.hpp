@@ -1,0 +1,87 @@
+#pragma once
+/// What the controller guards, place by place along a program.
+
+#include <string>
+
+#include "host_sim/plan/limits.hpp"
+
+namespace esmc::host::plan {
+
+[[nodiscard]] inline std::string place_text(const Vec2<double>& p) {
+  return fmt::format("({:.4g}, {:.4g}) m", p.x(), p.y());
+}
+
+/// Checks places in the order of the way; it follows the turns of the base joints.
+template <class M>
+class WayGuard {
+ public:
+  WayGuard(const Problem<M>& p, MotorLimits<M>& motors) : p_(p), motors_(motors), base_(p.start_base) {}
+
+  /// Throws Refused for a place of a move where the controller would raise a fault, or no torque holds.
+  void check(const Place<M>& place, std::size_t move) {
+    const auto& c = p_.controller;
+    const auto& pose = place.at.pose;
+    const std::string where = place_text(place.tip.p);
+    check_modes(pose, move, where);
+    if (!c.limits.workspace_x.contains(pose.effector.x()) ||
+        !c.limits.workspace_y.contains(pose.effector.y()))
+      throw Refused(move, "to", "leads beyond limits.workspace at " + where);
+    const Vec2<double> wrapped = M::base_angles(pose);
+    for (int k = 0; k < 2; ++k) {
+      constexpr double turn = 2.0 * std::numbers::pi;
+      base_[k] = wrapped[k] + turn * std::round((base_[k] - wrapped[k]) / turn);
+      if (c.limits.joint_angle[static_cast<std::size_t>(k)].contains(base_[k])) continue;
+      throw Refused(move, "to",
+                    fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad", where,
+                                k + 1, base_[k]));
+    }
+    const Desired<M> rest{pose, M::Rates::Zero(), M::Rates::Zero()};
+    const Loads still = motors_.shares(rest, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
+    const auto most = std::max_element(still.begin(), still.end());
+    if (*most < 1.0) return;
+    throw Refused(
+        move, "to",
+        fmt::format("leads to {}, where motor {} takes {:.3g} % of its torque to hold the mechanism at rest",
+                    where, most - still.begin() + 1, 100.0 * *most));
+  }
+  /// Whether a move states another working mode than the controller has.
+  [[nodiscard]] bool changes_mode(std::size_t move) const {
+    const MoveScene& m = p_.moves[move];
+    for (std::size_t j = 0; j < m.working_mode.size(); ++j) {
+      if constexpr (M::joints == 4) {
+        if (m.working_mode[j] != p_.controller.mode.working[static_cast<int>(j)]) return true;
+      } else {
+        if (m.working_mode[j] != p_.controller.mode.working) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  void check_modes(const typename M::Pose& pose, std::size_t move, const std::string& where) const {
+    const auto& c = p_.controller;
+    const double type1 = M::min_abs_sin_type1(pose), type2 = M::sin_type2_in_mode(pose, c.mode);
+    if (!(type1 >= c.limits.min_abs_sin_type1) || !M::in_working_mode(pose, c.mode)) {
+      const bool asked = changes_mode(move);
+      throw Refused(
+          move, asked ? "working_mode" : "to",
+          fmt::format(
+              "{} at {}: |sin theta_j2| = {:.3g}, limits.min_abs_sin_type1 = {:g}, and the controller "
+              "keeps its working mode",
+              asked ? "changes by crossing type 1" : "leads into a type-1 singularity", where, type1,
+              c.limits.min_abs_sin_type1));
+    }
+    const bool regular = c.motors == Motors::all && c.sensors == Sensors::all;
+    if (regular || type2 >= c.limits.min_abs_sin_type2) return;
+    throw Refused(move, "to",
+                  fmt::format("leads {} at {}: |D2| = {:.3g}, limits.min_abs_sin_type2 = {:g}",
+                              type2 < 0.0 ? "into the other assembly mode" : "into a type-2 singularity",
+                              where, std::abs(type2), c.limits.min_abs_sin_type2));
+  }
+
+  const Problem<M>& p_;
+  MotorLimits<M>& motors_;
+  Vec2<double> base_;  // rad, not wrapped
+};
+
+}  // namespace esmc::host::plan

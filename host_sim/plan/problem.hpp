@@ -1,0 +1,51 @@
+#pragma once
+/// What a program is planned with.
+
+#include <array>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "firmware/cycle/instances.hpp"
+#include "host_sim/design/extremes.hpp"
+#include "host_sim/scene/program.hpp"
+
+namespace esmc::host::plan {
+
+/// A program that cannot be driven: which move (index from 0), which of its keys, and why.
+class Refused : public std::runtime_error {
+ public:
+  Refused(std::size_t move, std::string key, const std::string& why)
+      : std::runtime_error(why), move_(move), key_(std::move(key)) {}
+  [[nodiscard]] std::size_t move() const { return move_; }
+  [[nodiscard]] const std::string& key() const { return key_; }
+
+ private:
+  std::size_t move_;
+  std::string key_;
+};
+
+/// Friction of the joints in the order of the model.
+struct Friction {
+  std::array<double, 4> viscous{}, dry{}, asymmetry{};  ///< N m s/rad, N m
+};
+
+/// Input of a plan: the believed mechanism and the limits. Nothing of the plant.
+template <class M>
+struct Problem {
+  ControllerConfig<M> controller;  ///< mechanism (without friction), mode, limits, motors
+  std::optional<M> loaded;         ///< with the payload: limits hold with and without it
+  Friction friction;
+  std::vector<MoveScene> moves;
+  bool repeat = false;
+  Vec2<double> start = Vec2<double>::Zero();       ///< of the effector, m
+  Vec2<double> start_base = Vec2<double>::Zero();  ///< of the base joints there, rad, not wrapped
+  double tick = 1e-3;                              ///< s
+  std::size_t grid = 800;                          ///< points of a stretch between two rests, about
+  bool bound = false;                              ///< Plan::bound is asked for
+  std::optional<design::Problem<M>> uncertain;     ///< torque is left for the worst plant of it
+};
+
+}  // namespace esmc::host::plan

@@ -1,0 +1,90 @@
+#pragma once
+/// Timing along a path: the largest speed at every point that all limits allow, from rest to rest.
+///
+/// With x the square of the path's speed and u its acceleration, dx/ds = 2 u, and a limit is a row
+/// a u + b x + d sqrt(x) <= c. On a grid u is constant between points. Backwards from the end the speeds are
+/// found from which the end can still be reached (a linear program of two variables per point), forwards the
+/// largest u that stays among them: no switch point is searched for, and zero inertia (a = 0) is a row like
+/// any other. Both ends of an interval meet their rows, with the slope of u that the solution before had: the
+/// error falls with the square of the grid.
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace esmc::host::plan {
+
+enum class LimitKind : std::uint8_t {
+  torque,
+  joint_speed,
+  joint_acceleration,
+  speed,
+  acceleration,
+  jerk,
+  count
+};
+
+/// a u + b x + d sqrt(x) <= c.
+struct Row {
+  double a = 0.0, b = 0.0, d = 0.0, c = 1.0;
+};
+
+/// Limits at the points of a path.
+struct Grid {
+  std::vector<double> s;           ///< ascending
+  std::vector<Row> rows;           ///< point by point
+  std::vector<std::size_t> first;  ///< row of each point, and one more: their number
+};
+
+/// x at every point; 0 at both ends.
+using Squares = std::vector<double>;
+
+/// The largest x, point by point, as start for `x`: empty where there is none. Sets `blocked` to the index of
+/// a point that no speed passes, where it fails.
+[[nodiscard]] std::optional<Squares> fastest(const Grid& grid, std::size_t& blocked);
+
+/// Position on the path as a function of time, from rest to rest.
+class Timing {
+ public:
+  struct State {
+    double s = 0.0, rate = 0.0, acceleration = 0.0;
+  };
+  Timing() = default;
+  /// Of x on a grid: constant acceleration between its points.
+  Timing(const std::vector<double>& s, const Squares& x);
+  /// Quintic over `duration`, s > 0.
+  [[nodiscard]] static Timing quintic(double length, double duration);
+
+  /// The mean of this timing over `window`, s >= 0: acceleration then does not jump, and its slope is at most
+  /// its span divided by the window.
+  void smooth(double window) { window_ = window; }
+  /// All times become `factor` times as long.
+  void stretch(double factor) { stretch_ *= factor; }
+
+  [[nodiscard]] double duration() const { return stretch_ * (raw_duration() + window_); }  ///< s
+  /// State at a time, clamped to [0, duration]. Where acceleration jumps, that after it, or `before` it.
+  [[nodiscard]] State at(double time, bool before = false) const;
+  /// The part of the path, from s to s, whose accelerations make that of a time: more than a point if
+  /// smoothed.
+  [[nodiscard]] std::pair<double, double> span(double time) const;
+  /// Ascending times from 0 to the end, between which acceleration is smooth.
+  [[nodiscard]] std::vector<double> breaks() const;
+  /// First time at which the path is at s or beyond.
+  [[nodiscard]] double time_of(double s) const;
+
+ private:
+  [[nodiscard]] double raw_duration() const { return t_.empty() ? 0.0 : t_.back(); }
+  [[nodiscard]] State raw(double time, bool before) const;
+  /// Integral of raw s, from 0 to a time that may lie outside.
+  [[nodiscard]] double integral(double time) const;
+  [[nodiscard]] std::size_t cell(double time, bool before) const;
+
+  std::vector<double> t_, s_, v_, u_, half_,
+      sum_;  // of points; u_ and half its change of cells; sum_: integral of s
+  double window_ = 0.0, stretch_ = 1.0;
+  bool quintic_ = false;
+};
+
+}  // namespace esmc::host::plan

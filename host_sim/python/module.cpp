@@ -1,0 +1,444 @@
+/// The Python module esmc. docs/python.md is its page, esmc.pyi its types.
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <fmt/format.h>
+#include <cmath>
+#include <csignal>
+#include <memory>
+#include <mutex>
+
+#include "host_sim/check/check.hpp"
+#include "host_sim/error.hpp"
+#include "host_sim/loop/run.hpp"
+#include "host_sim/python/loop.hpp"
+#include "host_sim/python/rollout.hpp"
+#include "host_sim/record/compare.hpp"
+#include "host_sim/record/run_options.hpp"
+#include "host_sim/scene/scene.hpp"
+#include "host_sim/studies/studies.hpp"
+#include "host_sim/version.hpp"
+
+namespace esmc::host {
+namespace {
+
+namespace py = pybind11;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+/// Without the interpreter's lock. Ctrl-C ends the run as it ends a command, and Python hears of it after.
+class Released {
+ public:
+  Released() : lock_(running()) {
+    stop_requested() = false;
+    before_ = std::signal(SIGINT, [](int) { stop_requested() = true; });
+  }
+  Released(const Released&) = delete;
+  Released& operator=(const Released&) = delete;
+  ~Released() {
+    std::signal(SIGINT, before_);
+    if (stop_requested().exchange(false)) interrupted() = true;
+  }
+  /// To be called with the interpreter's lock: raises KeyboardInterrupt after Ctrl-C.
+  static void check() {
+    if (!interrupted().exchange(false)) return;
+    PyErr_SetNone(PyExc_KeyboardInterrupt);
+    throw py::error_already_set();
+  }
+
+ private:
+  static std::mutex& running() {
+    static std::mutex m;
+    return m;
+  }
+  static std::atomic<bool>& interrupted() {
+    static std::atomic<bool> flag{false};
+    return flag;
+  }
+  py::gil_scoped_release release_;
+  std::unique_lock<std::mutex> lock_;
+  void (*before_)(int) = nullptr;
+};
+
+/// f() without the interpreter's lock, one at a time.
+template <class F>
+auto released(const F& f) {
+  const auto run = [&] {
+    const Released guard;
+    return f();
+  };
+  try {
+    auto out = run();
+    Released::check();
+    return out;
+  } catch (const RunError&) {
+    Released::check();
+    throw;
+  }
+}
+
+std::string quoted(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') out += '\\';
+    out += static_cast<unsigned char>(c) < 0x20U ? fmt::format("\\u{:04X}", c) : std::string(1, c);
+  }
+  return out + "\"";
+}
+
+/// A value as TOML.
+std::string toml_of(const py::handle& v, int depth = 0) {
+  if (depth > 16) throw py::value_error("the value is nested too deeply");
+  if (py::isinstance<py::bool_>(v)) return v.cast<bool>() ? "true" : "false";
+  if (py::isinstance<py::str>(v)) return quoted(v.cast<std::string>());
+  if (py::isinstance<py::int_>(v)) return py::str(v).cast<std::string>();
+  if (py::isinstance<py::dict>(v)) {
+    std::string out;
+    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(v))
+      out += (out.empty() ? "" : ", ") + quoted(py::str(key).cast<std::string>()) + " = " +
+             toml_of(value, depth + 1);
+    return "{" + out + "}";
+  }
+  if (py::hasattr(v, "tolist")) return toml_of(v.attr("tolist")(), depth + 1);  // of numpy
+  if (py::isinstance<py::list>(v) || py::isinstance<py::tuple>(v)) {
+    std::string out;
+    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(item, depth + 1);
+    return "[" + out + "]";
+  }
+  if (!py::isinstance<py::float_>(v))
+    throw py::type_error("a scene takes bool, int, float, str, lists and dicts of them, not " +
+                         py::str(py::type::of(v)).cast<std::string>());
+  const auto number = v.cast<double>();
+  if (!std::isfinite(number)) throw py::value_error("a scene takes finite numbers only");
+  const std::string text = fmt::format("{}", number);
+  return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
+}
+
+py::object parsed(const std::string& document) { return py::module_::import("json").attr("loads")(document); }
+
+/// A scene file and what is set on top of it. Every change is checked at once.
+struct PyScene {
+  std::string file;
+  std::vector<std::string> sets;
+  Scene scene;
+
+  PyScene(std::string path, std::vector<std::string> changes)
+      : file(std::move(path)), sets(std::move(changes)) {
+    if (file == "-") refuse("Scene.load: '-' (stdin) is for the command");
+    scene = read_scene(file, sets);
+  }
+  PyScene& set(const std::string& key, const py::handle& value) {
+    auto more = sets;
+    more.push_back(key + "=" + toml_of(value));
+    scene = read_scene(file, more);
+    sets = std::move(more);
+    return *this;
+  }
+  [[nodiscard]] RunOptions options(Capture& to) const {
+    RunOptions o;
+    o.scene = file;
+    o.sets = sets;
+    o.json = true;
+    o.capture = &to;
+    return o;
+  }
+  [[nodiscard]] std::vector<std::string> names(const std::vector<std::size_t>& of) const {
+    const auto all = joints();
+    std::vector<std::string> out;
+    out.reserve(of.size());
+    for (const std::size_t j : of) out.push_back(all[j]);
+    return out;
+  }
+  [[nodiscard]] std::vector<std::string> joints() const {
+    if (scene.type == MechanismType::five_bar) return {"theta11", "theta12", "theta21", "theta22"};
+    return {"theta1", "theta2"};
+  }
+};
+
+struct Run {
+  Capture capture;
+  py::object summary;
+};
+
+std::shared_ptr<Run> run(const PyScene& s, const std::string& mode, std::uint64_t seed) {
+  if (mode != "sim" && mode != "hil") refuse("mode = {:?}: sim or hil", mode);
+  auto out = std::make_shared<Run>();
+  RunOptions o = s.options(out->capture);
+  o.seed = seed;
+  (void)released([&] { return mode == "sim" ? run_sim(o) : run_hil(o); });
+  out->summary = parsed(out->capture.document);
+  return out;
+}
+
+/// Columns as views into the run, which they keep alive.
+py::dict log_of(const py::object& self) {
+  const KeptLog& log = self.cast<const Run&>().capture.log;
+  const std::size_t columns = log.columns.size(), rows = columns == 0 ? 0 : log.values.size() / columns;
+  py::dict out;
+  for (std::size_t c = 0; c < columns; ++c) {
+    out[py::str(log.columns[c])] =
+        py::array_t<double>({rows}, {columns * sizeof(double)}, log.values.data() + c, self);
+  }
+  if (!log.states.empty()) out["state"] = py::module_::import("numpy").attr("array")(py::cast(log.states));
+  return out;
+}
+
+py::object check(const PyScene& s) {
+  Capture c;
+  (void)released([&] { return run_check(s.options(c)); });
+  return parsed(c.document);
+}
+py::object margins(const PyScene& s) {
+  Capture c;
+  (void)released([&] { return run_margins(s.options(c)); });
+  return parsed(c.document);
+}
+py::object compare(const std::string& a, const std::string& b, double tolerance) {
+  Capture c;
+  const CompareOptions o{
+      .a = a, .b = b, .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
+  (void)released([&] { return run_compare(o); });
+  return parsed(c.document);
+}
+
+/// Lists of numbers become arrays, at every depth.
+py::object arrays(const py::object& v) {
+  if (py::isinstance<py::dict>(v)) {
+    py::dict out;
+    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(v))
+      out[key] = arrays(py::reinterpret_borrow<py::object>(value));
+    return out;
+  }
+  return py::isinstance<py::list>(v) ? py::object(py::module_::import("numpy").attr("array")(v)) : v;
+}
+
+py::object model(const PyScene& s, const py::dict& state) {
+  const auto plain = py::module_::import("json").attr("dumps")(
+      state, py::arg("default") = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); }),
+      py::arg("allow_nan") = false);
+  const std::string document = evaluate(model_case(s.scene, plain.cast<std::string>()), "state", false);
+  return arrays(parsed(document)["cases"][py::int_(0)]);
+}
+
+SweepValue sweep_value(const py::handle& v) {
+  if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
+  if (py::isinstance<py::int_>(v)) return v.cast<std::int64_t>();
+  if (py::isinstance<py::str>(v)) return v.cast<std::string>();
+  const auto number = v.cast<double>();
+  if (!std::isfinite(number)) throw py::value_error("parameters must be finite");
+  return number;
+}
+
+std::vector<Objective> objectives_of(const std::vector<std::string>& names) {
+  std::vector<Objective> out;
+  for (std::size_t i = 0; i < objective_count; ++i) {
+    const auto o = static_cast<Objective>(i);
+    if (names.empty() ? o != Objective::tick_ns
+                      : std::ranges::count(names, std::string(objectives[i].name)) > 0)
+      out.push_back(o);
+  }
+  for (const std::string& n : names) {
+    if (std::ranges::none_of(objectives, [&](const ObjectiveText& o) { return o.name == n; }))
+      refuse("objectives: there is no '{}'", n);
+  }
+  return out;
+}
+
+RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
+  RolloutParameter out{key, {}};
+  if (py::isinstance<py::tuple>(v)) {
+    const auto pair = py::reinterpret_borrow<py::tuple>(v);
+    if (pair.size() != 2) refuse("parameters['{}']: a range is a tuple (from, to)", key);
+    const std::pair range(pair[0].cast<double>(), pair[1].cast<double>());
+    if (!std::isfinite(range.first) || !(range.first <= range.second) || !std::isfinite(range.second))
+      refuse("parameters['{}']: a range needs finite from <= to", key);
+    out.values = range;
+    return out;
+  }
+  const py::object list =
+      py::hasattr(v, "tolist") ? v.attr("tolist")() : py::reinterpret_borrow<py::object>(v);
+  if (!py::isinstance<py::list>(list))
+    refuse("parameters['{}']: a range (from, to), or a list or array with a value per case", key);
+  std::vector<SweepValue> values;
+  for (const auto& item : list) values.push_back(sweep_value(item));
+  out.values = std::move(values);
+  return out;
+}
+
+py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std::uint64_t> n,
+                 std::uint64_t seed, int threads, const std::vector<std::string>& wanted) {
+  RolloutRequest r{.scene = s.file,
+                   .sets = s.sets,
+                   .parameters = {},
+                   .seed = seed,
+                   .threads = threads,
+                   .objectives = objectives_of(wanted)};
+  for (const auto& [key, value] : parameters)
+    r.parameters.push_back(parameter_of(py::str(key).cast<std::string>(), value));
+  for (const RolloutParameter& p : r.parameters) {
+    if (const auto* values = std::get_if<1>(&p.values); values != nullptr && !n) n = values->size();
+  }
+  r.cases = n.value_or(1);
+  const RolloutResult result = released([&] { return run_rollout(r); });
+  const auto numpy = py::module_::import("numpy");
+  py::dict out;
+  for (std::size_t a = 0; a < r.parameters.size(); ++a)
+    out[py::str(r.parameters[a].key)] = numpy.attr("array")(py::cast(result.parameters[a]));
+  const std::size_t columns = r.objectives.size();
+  for (std::size_t c = 0; c < columns; ++c) {
+    py::array_t<double> column(static_cast<py::ssize_t>(r.cases));
+    auto to = column.mutable_unchecked<1>();
+    for (std::size_t i = 0; i < r.cases; ++i)
+      to(static_cast<py::ssize_t>(i)) = result.objectives[i * columns + c];
+    out[py::str(std::string(objectives[static_cast<std::size_t>(r.objectives[c])].name))] = column;
+  }
+  out["outcome"] = numpy.attr("array")(py::cast(result.outcomes));
+  return out;
+}
+
+std::span<const double> span_of(const Array& a) {
+  if (a.ndim() != 1) throw py::value_error("a one-dimensional array is needed");
+  return {a.data(), static_cast<std::size_t>(a.size())};
+}
+Array array_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
+
+/// Coordinates of a plant, and which of them are the joints.
+std::vector<double> coordinates(const PythonPlant& p, bool rates, std::size_t first, std::size_t end) {
+  std::vector<double> q, qd;
+  p.output(q, qd);
+  const auto& v = rates ? qd : q;
+  return {v.begin() + static_cast<std::ptrdiff_t>(first),
+          end == 0 ? v.end() : v.begin() + static_cast<std::ptrdiff_t>(end)};
+}
+std::size_t first_joint(const PythonPlant& p) { return coordinates(p, false, 0, 0).size() == 6 ? 2 : 0; }
+
+void define_scene(py::module_& m) {
+  py::class_<PyScene>(m, "Scene", "A scene file and what is set on top of it.")
+      .def_static(
+          "load", [](const std::string& path) { return PyScene(path, {}); }, py::arg("path"),
+          "Reads a scene file (TOML). Raises InputError with file, line and key.")
+      .def("set", &PyScene::set, py::arg("key"), py::arg("value"),
+           py::return_value_policy::reference_internal,
+           "Sets a key as --set does, entries counted from 1. Raises InputError, and then changes nothing.")
+      .def(
+          "copy", [](const PyScene& s) { return s; }, "A scene of its own with the same settings.")
+      .def_property_readonly(
+          "toml", [](const PyScene& s) { return s.scene.toml; }, "The scene as it will run.")
+      .def_property_readonly("name", [](const PyScene& s) { return s.scene.name; })
+      .def_property_readonly(
+          "duration", [](const PyScene& s) { return s.scene.duration; }, "s")
+      .def_property_readonly(
+          "tick", [](const PyScene& s) { return s.scene.tick(); }, "of the controller, s")
+      .def_property_readonly("joints", &PyScene::joints, "Names in the order of the model.")
+      .def_property_readonly(
+          "motors", [](const PyScene& s) { return s.names(s.scene.motor_joints()); },
+          "Names of the joints with motors, in the order of torques.")
+      .def("__repr__",
+           [](const PyScene& s) { return fmt::format("<esmc.Scene {:?} of {}>", s.scene.name, s.file); })
+      .def(py::pickle([](const PyScene& s) { return py::make_tuple(s.file, s.sets); },
+                      [](const py::tuple& t) {
+                        return PyScene(t[0].cast<std::string>(), t[1].cast<std::vector<std::string>>());
+                      }));
+  py::class_<Run, std::shared_ptr<Run>>(m, "Run", "What a run left.")
+      .def_readonly("summary", &Run::summary, "The document that --json prints, as a dict.")
+      .def_property_readonly("log", &log_of,
+                             "Columns of log.csv by name: arrays of shape (ticks,), views into the run.")
+      .def_property_readonly("digest", [](const Run& r) { return r.summary["digest"]; });
+}
+
+void define_loop(py::module_& m) {
+  py::class_<PythonTick>(m, "Tick", "Result of a controller's tick.")
+      .def_property_readonly(
+          "torque", [](const PythonTick& t) { return array_of(t.torque); }, "N m at the joint, per motor")
+      .def_property_readonly(
+          "s", [](const PythonTick& t) { return array_of(t.s); }, "sliding variables of the channels")
+      .def_property_readonly(
+          "effector", [](const PythonTick& t) { return array_of(t.effector); }, "estimate, m")
+      .def_property_readonly(
+          "reference", [](const PythonTick& t) { return array_of(t.desired_effector); }, "m")
+      .def_readonly("state", &PythonTick::state, "of the supervisor")
+      .def_readonly("fault", &PythonTick::fault, "its name, or \"none\"")
+      .def_readonly("saturated", &PythonTick::saturated);
+  py::class_<PythonController>(m, "Controller",
+                               "The firmware's controller of a scene, enabled, without a bus.")
+      .def(py::init([](const PyScene& s) { return make_python_controller(s.scene); }), py::arg("scene"))
+      .def(
+          "tick",
+          [](PythonController& c, const Array& angle, const Array& rate, const std::string& command) {
+            return c.tick(span_of(angle), span_of(rate), command);
+          },
+          py::arg("angle"), py::arg("rate"), py::arg("command") = "none",
+          "One tick of the sample time. angle, rate: of all joints, shape (joints,), rad and rad/s; those "
+          "without a "
+          "sensor are not used. command: none, stop, halt, reset.");
+  py::class_<PythonPlant>(m, "Plant", "The true mechanism of a scene with its effects, without sensors.")
+      .def(py::init([](const PyScene& s) { return make_python_plant(s.scene); }), py::arg("scene"))
+      .def(
+          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque)); }, py::arg("torque"),
+          "Advances by one tick under torque, shape (motors,), N m at the joint.")
+      .def_property_readonly("t", &PythonPlant::t, "s")
+      .def_property_readonly(
+          "angle", [](const PythonPlant& p) { return array_of(coordinates(p, false, first_joint(p), 0)); },
+          "of all joints, rad")
+      .def_property_readonly(
+          "rate", [](const PythonPlant& p) { return array_of(coordinates(p, true, first_joint(p), 0)); },
+          "of all joints, rad/s")
+      .def_property_readonly(
+          "q", [](const PythonPlant& p) { return array_of(coordinates(p, false, 0, 0)); },
+          "as final_state.q of a run's summary")
+      .def_property_readonly(
+          "qd", [](const PythonPlant& p) { return array_of(coordinates(p, true, 0, 0)); },
+          "as final_state.qd")
+      .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
+}
+
+void translate_errors(py::module_& m) {
+  static py::exception<InputError> input(m, "InputError", PyExc_ValueError);
+  static py::exception<RunError> failed(m, "RunError", PyExc_RuntimeError);
+  input.doc() = "Bad input: file, line and key are in the text.";
+  failed.doc() = "The input was fine, the run was not.";
+  py::register_exception_translator([](std::exception_ptr p) {  // NOLINT(performance-unnecessary-value-param)
+    try {
+      if (p) std::rethrow_exception(p);
+    } catch (const InputErrors& e) {
+      std::string all;
+      for (const std::string& line : e.lines()) all += (all.empty() ? "" : "\n") + line;
+      input(all.c_str());
+    } catch (const InputError& e) {
+      input(e.what());
+    } catch (const RunError& e) {
+      failed(e.what());
+    }
+  });
+}
+
+}  // namespace
+}  // namespace esmc::host
+
+// NOLINTNEXTLINE: pybind11's macro
+PYBIND11_MODULE(esmc, m) {
+  using namespace esmc::host;
+  m.doc() =
+      "Simulator, controller and batches of esmc: the RR arm and the 5R five-bar under sliding-mode control.";
+  m.attr("__version__") = version;
+  translate_errors(m);
+  define_scene(m);
+  define_loop(m);
+  m.def("run", &run, py::arg("scene"), py::arg("mode") = "sim", py::arg("seed") = 1,
+        "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest.");
+  m.def("rollout", &rollout, py::arg("scene"), py::arg("parameters"), py::arg("n") = py::none(),
+        py::arg("seed") = 1, py::arg("threads") = 0, py::arg("objectives") = std::vector<std::string>{},
+        "n runs on all cores. parameters: {key: (from, to)} samples a range by latin hypercube, {key: list "
+        "or array} "
+        "gives each case its value; keys as in a sweep. Returns arrays of shape (n,): parameters, "
+        "objectives, outcome.");
+  m.def("check", &check, py::arg("scene"), "The document of `esmc check --json`, as a dict.");
+  m.def("margins", &margins, py::arg("scene"), "The document of `esmc margins --json`, as a dict.");
+  m.def("compare", &compare, py::arg("a"), py::arg("b"), py::arg("tolerance") = 0.0,
+        "The document of `esmc compare A B --json`, as a dict. a, b: directories of runs.");
+  m.def("model", &model, py::arg("scene"), py::arg("state"),
+        "C, A, b, M_diag, H, ... of the scene's mechanism as `esmc eval` has them, as arrays. state: dict "
+        "with theta and "
+        "thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; rad, m, s.");
+}

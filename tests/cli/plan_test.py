@@ -1,0 +1,234 @@
+#!/usr/bin/env python3
+"""esmc plan and programs in scenes, from outside: what is printed and written, and programs that are refused by name and place.
+usage: plan_test.py ESMC SCENES_DIR [unittest args]"""
+import csv
+import json
+import math
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ESMC = SCENES = ""
+FIVE_BAR = """name = "program"
+[mechanism]
+type = "five_bar"
+half_base = 0.05
+gravity = 9.8
+effector_mass = 0.05
+leg = { l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4 }
+working_mode = ["+", "+"]
+assembly_mode = "-"
+[control]
+law = "esmc"
+lambda = 60.0
+gain = 150.0
+torque_limit = 1.5
+[simulation]
+duration = 0.5
+step = 5e-4
+[limits]
+joint_speed = 50.0
+workspace = { x = [-0.14, 0.14], y = [-0.2, 0.25] }
+"""
+ARM = """name = "program"
+[mechanism]
+type = "rr"
+gravity = 9.8
+leg = { l1 = 0.30, l2 = 0.25, lg1 = 0.15, lg2 = 0.11, m1 = 1.2, m2 = 0.8, J1 = 1.0e-2, J2 = 4.5e-3 }
+working_mode = ["+"]
+[control]
+law = "esmc"
+lambda = 30.0
+gain = 80.0
+torque_limit = [15.0, 6.0]
+[simulation]
+duration = 0.5
+step = 5e-4
+[limits]
+min_abs_sin_type1 = 0.05
+joint_speed = 20.0
+joint_angle = [[-2.0, 2.0], [-3.0, 3.0]]
+"""
+
+
+def esmc(*args):
+    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
+
+
+def program(moves, start="[-0.08, 0.16]", more=""):
+    return f'[reference]\ntype = "program"\nfrom = {start}\n{more}\n' + "".join(f"[[reference.moves]]\n{m}\n" for m in moves)
+
+
+LINE = 'move = "line"\nto = [0.08, 0.16]'
+# Mechanism, moves, and what the message must have: the key, and the place where the way cannot be driven.
+BAD = [
+    ("no move", FIVE_BAR, [], ["reference.moves", "1 to 1000"]),
+    ("only rest", FIVE_BAR, ['move = "dwell"\ntime = 1.0'], ["reference.moves", "dwell"]),
+    ("unknown kind", FIVE_BAR, ['move = "circle"\nto = [0.08, 0.16]'], ["reference.moves[1].move", "arc"]),
+    ("unknown key", FIVE_BAR, [LINE + "\nvelocity = 1.0"], ["reference.moves[1].velocity"]),
+    ("key of another kind", FIVE_BAR, [LINE + "\nvia = [0.0, 0.2]"], ["reference.moves[1].via"]),
+    ("no end", FIVE_BAR, ['move = "line"'], ["needs to = [x, y], m"]),
+    ("one coordinate", FIVE_BAR, ['move = "line"\nto = [0.1]'], ["reference.moves[1].to", "2 numbers"]),
+    ("text as end", FIVE_BAR, ['move = "line"\nto = "home"'], ["reference.moves[1].to"]),
+    ("a dwell that moves", FIVE_BAR, [LINE, 'move = "dwell"\ntime = 1.0\nto = [0.0, 0.1]'], ["reference.moves[2].to"]),
+    ("a dwell without time", FIVE_BAR, [LINE, 'move = "dwell"'], ["reference.moves[2].time"]),
+    ("negative time", FIVE_BAR, [LINE + "\ntime = -0.5"], ["reference.moves[1].time", "optimal"]),
+    ("misspelt time", FIVE_BAR, [LINE + '\ntime = "fast"'], ["reference.moves[1].time", "optimal"]),
+    ("no speed", FIVE_BAR, [LINE + "\nspeed = 0.0"], ["reference.moves[1].speed"]),
+    ("negative blend", FIVE_BAR, [LINE + "\nblend = -0.01", 'move = "line"\nto = [0.08, 0.2]'], ["reference.moves[1].blend"]),
+    ("nan", FIVE_BAR, [LINE + "\nacceleration = nan"], ["reference.moves[1].acceleration"]),
+    ("blend at the end", FIVE_BAR, [LINE + "\nblend = 0.01"], ["reference.moves[1].blend", "no corner"]),
+    ("blend before rest", FIVE_BAR, [LINE + "\nblend = 0.01", 'move = "dwell"\ntime = 0.1'], ["reference.moves[1].blend", "dwell"]),
+    ("blend of two timings", FIVE_BAR, [LINE + "\nblend = 0.01", 'move = "line"\nto = [0.08, 0.2]\ntime = 1.0'],
+     ["reference.moves[1].blend", "optimal"]),
+    ("blend of a turn back", FIVE_BAR, [LINE + "\nblend = 0.01", 'move = "line"\nto = [-0.05, 0.16]'],
+     ["reference.moves[1].blend", "(0.08, 0.16)", "turns back"]),
+    ("no way", FIVE_BAR, ['move = "line"\nto = [-0.08, 0.16]'], ["reference.moves[1].to", "where the move begins"]),
+    ("out of reach", FIVE_BAR, [LINE, 'move = "line"\nto = [0.08, 0.4]'], ["reference.moves[2].to", "out of reach", "(0.08, 0.2"]),
+    ("arc through a line", FIVE_BAR, ['move = "arc"\nvia = [0.0, 0.16]\nto = [0.08, 0.16]'], ["reference.moves[1].via", "(0, 0.16)"]),
+    ("spline without points", FIVE_BAR, ['move = "spline"\nto = [0.08, 0.16]'], ["through"]),
+    ("spline point twice", FIVE_BAR, ['move = "spline"\nthrough = [[0.0, 0.18], [0.0, 0.18]]\nto = [0.08, 0.16]'],
+     ["reference.moves[1].through", "(0, 0.18)"]),
+    ("beyond the workspace", FIVE_BAR, [LINE, 'move = "line"\nto = [0.15, 0.16]'], ["reference.moves[2].to", "limits.workspace", "(0.1"]),
+    ("into the leg", FIVE_BAR, ['move = "line"\nto = [-0.08, -0.1]'], ["reference.moves[1].to", "out of reach", "(-0.08, 0.02"]),
+    ("through type 2", FIVE_BAR, ['move = "line"\nto = [0.0, 0.05]'], ["reference.moves[1].to", "type-2", "min_abs_sin_type2", "(-0.001"]),
+    ("change of working mode", FIVE_BAR, ['move = "joint"\nto = [2.0, 0.5]\nworking_mode = ["-", "+"]'], ["reference.moves[1].working_mode"]),
+    ("legs that do not close", FIVE_BAR, ['move = "joint"\nto = [0.0, 0.0]'], ["reference.moves[1].to", "cannot be closed"]),
+    ("too fast", FIVE_BAR, [LINE + "\ntime = 0.02"], ["reference.moves[1].time", "motor", "optimal", "("]),
+    ("faster than its speed", FIVE_BAR, [LINE + "\ntime = 1.0\nspeed = 0.1"], ["reference.moves[1].time", "speed"]),
+    ("repeat elsewhere", FIVE_BAR, [LINE], ["reference.moves[1].to", "(0.08, 0.16)", "(-0.08, 0.16)"], "repeat = true"),
+    ("through the stretched arm", ARM, ['move = "joint"\nto = [-0.5, -0.5]\nworking_mode = ["-"]'],
+     ["reference.moves[1].working_mode", "type 1", "min_abs_sin_type1"]),
+    ("singular arm", ARM, ['move = "line"\nto = [0.5499, 0.0]'], ["reference.moves[1].to", "type-1", "(0.54"]),
+    ("beyond a joint's angle", ARM, ['move = "joint"\nto = [2.2, 1.0]'], ["reference.moves[1].to", "limits.joint_angle", "base joint 1"]),
+    ("too heavy", ARM.replace("15.0, 6.0", "4.5, 6.0"), ['move = "line"\nto = [0.5, 0.0]'], ["reference.moves[1].to", "motor 1", "at rest"]),
+]
+
+
+class Plan(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.tmp = Path(self.folder.name)
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def scene(self, text):
+        path = self.tmp / "scene.toml"
+        path.write_text(text)
+        return path
+
+    def plan(self, *args):
+        run = esmc("plan", *args, "--json")
+        self.assertEqual((run.returncode, run.stderr), (0, ""))
+        return json.loads(run.stdout)
+
+    def test_bad_programs_are_refused_by_name_and_place(self):
+        self.assertGreaterEqual(len(BAD), 25)
+        for name, mechanism, moves, words, *more in BAD:
+            start = "[0.40, -0.10]" if 'type = "rr"' in mechanism else "[-0.08, 0.16]"
+            scene = self.scene(mechanism + program(moves, start, *more))
+            for command in ("plan", "sim", "check"):
+                run = esmc(command, scene, "--out", self.tmp / f"{name} {command}")
+                with self.subTest(name, command=command):
+                    self.assertEqual(run.returncode, 2, run.stdout + run.stderr)
+                    self.assertFalse((self.tmp / f"{name} {command}").exists())
+                    self.assertRegex(run.stderr.splitlines()[0], r"^esmc: .*scene\.toml:\d+: ")
+                    for word in words:
+                        self.assertIn(word, run.stderr)
+
+    def test_the_line_of_the_key_is_named(self):
+        scene = self.scene(FIVE_BAR + program([LINE, 'move = "line"\nto = [0.08, 0.4]']))
+        number = scene.read_text().splitlines().index("to = [0.08, 0.4]") + 1
+        self.assertIn(f"scene.toml:{number}: 'reference.moves[2].to'", esmc("plan", scene).stderr)
+
+    def test_pick_and_place_is_as_fast_as_its_torque_allows(self):
+        scene = Path(SCENES, "five_bar_pick_and_place.toml")
+        j = self.plan(scene, "--out", self.tmp / "out")
+        self.assertEqual(next(iter(j)), "schema")
+        self.assertGreaterEqual(j["duration_s"], j["bound_s"] * 0.999)
+        self.assertLess(j["duration_s"], 1.1 * j["bound_s"])
+        self.assertTrue(any(limit.startswith("torque") for limit in j["limits_active"]), j["limits_active"])
+        self.assertGreaterEqual(j["margin"]["torque"], -1e-9)
+        self.assertGreater(j["margin"]["speed"], 0.0)
+        self.assertLessEqual(j["deviation_m"], 0.01)
+        self.assertEqual([m["move"] for m in j["moves"]], list(range(1, 9)))
+        self.assertAlmostEqual(sum(m["duration_s"] for m in j["moves"]), j["duration_s"], delta=1e-9)
+        for row in j["point_to_point"]:
+            self.assertAlmostEqual(row["gained_s"], row["line_s"] - row["joint_s"], delta=1e-12)
+        self.assertEqual({p.name for p in (self.tmp / "out").iterdir()}, {"plan.json", "path.csv", "report.html", "scene.toml"})
+        with open(self.tmp / "out" / "path.csv", newline="", encoding="utf-8") as f:
+            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
+        self.assertEqual(list(rows[0])[:5], ["t", "x", "y", "theta11", "theta21"])
+        self.assertEqual(len(rows), math.ceil(j["duration_s"] * 1000 - 1e-6) + 1)
+        for a, b in zip(rows, rows[1:]):  # speed is the change of position, torque within its limit
+            for x, v in (("x", "xd"), ("y", "yd"), ("theta11", "theta11_rate"), ("theta21", "theta21_rate")):
+                scale = max(abs(r[v]) for r in rows)
+                self.assertAlmostEqual(b[x] - a[x], 5e-4 * (a[v] + b[v]), delta=0.03e-3 * scale)
+            self.assertLessEqual(max(abs(b["tau11"]), abs(b["tau21"])), 1.5 * (1 + 1e-9))
+        self.assertEqual((rows[0]["x"], rows[0]["xd"]), (-0.1, 0.0))
+
+    def test_every_command_runs_a_program(self):
+        scene = Path(SCENES, "five_bar_pick_and_place.toml")
+        check = json.loads(esmc("check", scene, "--json").stdout)
+        self.assertNotEqual(check["verdict"], "unfit", check["findings"])
+        for command in ("sim", "hil"):
+            s = json.loads(esmc(command, scene, "--json").stdout)
+            self.assertEqual(s["supervisor"]["faults"], [])
+            self.assertLess(s["tracking"]["settled_max_m"], 2e-4)
+            self.assertEqual(s["torque"]["saturated_ticks"], 0)
+        baked = esmc("bake", scene, "--scalar", "float")
+        self.assertEqual(baked.returncode, 0, baked.stderr)
+        self.assertIn("PathSegment", baked.stdout)
+
+    def test_without_reserve_saturation_is_counted(self):
+        text = Path(SCENES, "five_bar_pick_and_place.toml").read_text().split("[uncertainty]")[0] + "[simulation]\nduration = 1.0\nstep = 5e-4\n"
+        scene = self.scene(text)
+        j = self.plan(scene)
+        self.assertAlmostEqual(j["duration_s"] / j["bound_s"], 1.0, delta=0.005)
+        s = json.loads(esmc("sim", scene, "--json").stdout)
+        self.assertGreater(s["torque"]["saturated_ticks"], 0)
+        self.assertEqual(s["supervisor"]["faults"], [])
+
+    def test_moves_in_time_take_that_time(self):
+        moves = [LINE + "\ntime = 0.5", 'move = "dwell"\ntime = 0.1', 'move = "arc"\nvia = [0.0, 0.2]\nto = [-0.08, 0.16]\ntime = 0.7']
+        j = self.plan(self.scene(FIVE_BAR + program(moves, more="repeat = true")))
+        self.assertAlmostEqual(j["duration_s"], 1.3, delta=1e-12)
+        self.assertEqual([round(m["duration_s"], 12) for m in j["moves"]], [0.5, 0.1, 0.7])
+
+    def test_all_working_modes_and_the_arm(self):
+        for modes, y in ((["+", "+"], 0.2), (["+", "-"], 0.2), (["-", "+"], 0.2), (["-", "-"], 0.2)):
+            text = FIVE_BAR.replace('["+", "+"]', json.dumps(modes)).replace('assembly_mode = "-"\n', "")
+            for motors in ("base", "all"):
+                scene = self.scene(text.replace('law = "esmc"', f'law = "esmc"\nmotors = "{motors}"') +
+                                   program([f'move = "line"\nto = [0.02, {y}]\nblend = 0.003', f'move = "line"\nto = [0.02, {y - 0.02}]'], f"[-0.02, {y}]"))
+                with self.subTest(modes=modes, motors=motors):
+                    self.assertLessEqual(self.plan(scene)["deviation_m"], 0.003)
+                    self.assertEqual(esmc("sim", scene).returncode, 0)
+        scene = self.scene(ARM + program(['move = "joint"\nto = [0.2, 1.2]', 'move = "line"\nto = [0.40, -0.10]'], "[0.40, -0.10]", "repeat = true"))
+        self.plan(scene)
+        self.assertEqual(esmc("sim", scene).returncode, 0)
+
+    def test_without_a_start_the_program_begins_where_it_ends(self):
+        text = FIVE_BAR + program([LINE, 'move = "line"\nto = [-0.05, 0.17]']).replace("from = [-0.08, 0.16]\n", "")
+        self.plan(self.scene(text), "--out", self.tmp / "out")
+        first = (self.tmp / "out" / "path.csv").read_text().splitlines()[1].split(",")
+        self.assertEqual([float(v) for v in first[1:3]], [-0.05, 0.17])
+        text += "[initial]\nposition = [-0.08, 0.16]\n"
+        self.plan(self.scene(text), "--out", self.tmp / "out")
+        first = (self.tmp / "out" / "path.csv").read_text().splitlines()[1].split(",")
+        for value, want in zip(first[1:3], (-0.08, 0.16)):
+            self.assertAlmostEqual(float(value), want, delta=1e-12)
+
+    def test_other_references_are_not_planned(self):
+        run = esmc("plan", Path(SCENES, "five_bar_circle.toml"))
+        self.assertEqual(run.returncode, 2)
+        self.assertTrue(re.search(r"five_bar_circle\.toml:\d+: 'reference\.type' must be \"program\"", run.stderr), run.stderr)
+
+
+if __name__ == "__main__":
+    ESMC, SCENES = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:])

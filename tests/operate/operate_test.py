@@ -1,0 +1,388 @@
+#!/usr/bin/python3
+"""`esmc operate` against `esmc controller` and `esmc plant`: three processes on one bus, every frame heard by this program.
+usage: operate_test.py ESMC SCENE slcan | INTERFACE [BOARD] [unittest args]   BOARD: the program of boards/linux
+Nothing depends on the clock: waits end when what they wait for has come, and reactions are counted in the controller's ticks."""
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "link"))
+from buses import Interface, SlcanHub  # noqa: E402
+from supervisor import STATES, crc8  # noqa: E402
+
+ESMC, SCENE, WHERE = sys.argv.pop(1), sys.argv.pop(1), sys.argv.pop(1)
+BOARD = str(Path(sys.argv.pop(1)).resolve()) if len(sys.argv) > 1 and Path(sys.argv[1]).is_file() else None
+PATIENCE = 120  # s, of a busy machine
+BASE = 0x780
+COMMAND_LOST, FOREIGN = 26, 11
+SETS = [a for s in ("control.law=esmc", "control.reaching=implicit", "control.lambda=5.0", "control.gain=20.0", "command.lambda=[1.0, 40.0]",
+                    "command.gain=[5.0, 100.0]", "command.speed=0.2", "command.acceleration=1.0", "limits.workspace={ x = [-0.15, 0.15], y = [0.05, 0.26] }",
+                    "command.timeout=2.0", "reference.speed=1.0", "simulation.duration=900") for a in ("--set", s)]
+RATE = 100 if WHERE == "slcan" else 25  # Hz; in a user-mode kernel a call may take a quarter of a millisecond
+SETS += ["--set", f"control.rate_hz={RATE}"]
+SILENCE = 2 * RATE  # ticks: command.timeout
+
+
+class Ear:
+    """What the controller says, in its order: Status as they come, and the tick of the last frame of a console."""
+
+    def __init__(self):
+        self.lock = threading.Condition()
+        self.statuses = []  # (tick, state, fault)
+        self.console = []   # (index of the Status before, identifier)
+        self.session = 0
+
+    def hear(self, identifier, data):
+        with self.lock:
+            if identifier == BASE + 0x10 and len(data) == 8 and crc8(identifier, data[7], data) == data[0]:
+                self.session = data[7]
+                self.statuses.append((int.from_bytes(data[4:7], "little"), STATES[data[1] >> 4], data[2]))
+                self.lock.notify_all()
+            if BASE <= identifier < BASE + 6:
+                self.console.append((len(self.statuses) - 1, identifier))
+                self.lock.notify_all()
+
+    def wait(self, wanted, what):
+        """Until `wanted()`, looked at for every Status."""
+        with self.lock:
+            if not self.lock.wait_for(wanted, PATIENCE):
+                raise AssertionError(f"no {what}: {self.statuses[-3:]}")
+
+    def state(self, state, after=0):
+        self.wait(lambda: len(self.statuses) > after and self.statuses[-1][1] == state, state)
+
+
+class Bench(unittest.TestCase):
+    sets, board = SETS, None
+
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.ear = Ear()
+        self.wire = SlcanHub(self.ear.hear) if WHERE == "slcan" else Interface(WHERE, self.ear.hear)
+        self.addCleanup(self.wire.close)
+        long = self.wire.bus if ":" in self.wire.bus else "socketcan:" + self.wire.bus
+        self.plant = self.start("plant", SCENE, "--bus", long, "--realtime", *self.sets)
+        self.controller = (self.start(self.wire.bus, program=self.board) if self.board else
+                           self.start("controller", SCENE, "--bus", long, "--realtime", *self.sets))
+        self.ear.wait(lambda: self.ear.statuses, "Status")
+
+    def start(self, *arguments, program=ESMC):
+        log = open(Path(self.folder.name, f"{arguments[0]}{time.monotonic_ns()}"), "w+", encoding="utf-8")
+        self.addCleanup(log.close)
+        running = subprocess.Popen([program, *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+        running.log = log
+
+        def end():
+            running.kill()
+            running.wait()
+        self.addCleanup(end)
+        return running
+
+    def said(self, program):
+        program.log.seek(0)
+        return program.log.read()
+
+    def console(self, *words, stdin="", scene=True, sets=None, options=()):
+        """(exit status, standard output, standard error) of a call."""
+        where = [SCENE, *(sets or self.sets)] if scene else []
+        r = subprocess.run([ESMC, "operate", self.wire.bus, *where, *options, *words], input=stdin, capture_output=True, text=True, timeout=PATIENCE)
+        return r.returncode, r.stdout, r.stderr
+
+    def good(self, *words, **more):
+        code, out, err = self.console(*words, **more)
+        self.assertEqual(code, 0, (words, out, err))
+        return out
+
+    def refused(self, name, *words, code=1, **more):
+        got, out, err = self.console(*words, **more)
+        self.assertEqual((got, err.count("\n")), (code, 1), (words, out, err))
+        self.assertTrue(err.startswith("esmc: " + name), (words, err))
+
+    def status(self, **more):
+        return json.loads(self.good("status", options=["--json"], **more))
+
+    def armed(self):
+        console = self.start("operate", self.wire.bus, SCENE, *self.sets, "arm")
+        self.ear.wait(lambda: self.ear.statuses[-1][1] == "running" or console.poll() is not None, "running")
+        self.assertIsNone(console.poll(), self.said(console))
+        return console
+
+
+class Operate(Bench):
+    def test_a_day_of_an_operator(self):
+        first = self.status()
+        self.assertEqual((first["schema"], first["state"], first["fault"], first["faults"]), (1, "disabled", "none", []))
+        self.assertEqual(self.status(scene=False)["scene"], first["scene"])
+        self.assertIn("disabled, fault none", self.good("status", scene=False))
+        self.assertEqual(first["parameters"]["lambda_angle"], {"value": 5.0, "writable": True})
+        self.assertAlmostEqual(first["effector"][0], 0.07, 3)
+
+        # Gains, within bounds; both kinds, or one.
+        self.good("set", "control.lambda", "7.5")
+        self.good("set", "control.gain.angle", "30")
+        values = {k: v["value"] for k, v in self.status()["parameters"].items()}
+        self.assertEqual([values[k] for k in ("lambda_position", "lambda_angle", "gain_position", "gain_angle")], [7.5, 7.5, 20.0, 30.0])
+        self.refused("out_of_bounds", "set", "control.lambda", "41")
+        self.refused("read_only", "set", "torque_limit_1", "1")
+        self.refused("no_store", "store")
+
+        # What is not allowed here, and what nobody can mean.
+        self.refused("not_armed", stdin="hold\n")
+        self.refused("not_armed", stdin="goto 0 0.2\n")
+        self.refused("other_scene", "status", sets=[*SETS, "--set", "control.lambda=6.0"])
+        for words in (["set", "control.lambda", "nan"], ["set", "control.nonsense", "1"], ["set", "control.lambda"], ["goto", "1"], ["goto", "a", "1"],
+                      ["jog", "z", "1"], ["jog", "x", "0.1", "-1"], ["fly"], ["status", "now"], ["goto", "inf", "0"]):
+            self.assertEqual(self.console(*words)[0], 2, words)
+        self.assertEqual(self.status()["state"], "disabled")
+
+        # A script: the console is one process, which keeps the sign of life.
+        out = self.good(stdin="# to two points\narm\ngoto 0.05 0.2\ngoto -0.02 0.2\njog y -0.02 1\nhold\nstatus\nhalt\n")
+        self.assertIn("at 0.050000 0.200000", out)
+        self.assertIn("at -0.020000 0.200000", out)
+        self.assertIn("holds near -0.02", out)
+        self.assertIn("running, fault none, source stream", out)
+        y = float(out.split("holds near -0.02", 1)[1].split()[1])
+        self.assertTrue(0.17 < y < 0.195, y)
+        self.ear.state("disabled")
+
+        # One call: it arms, moves, brings to rest.
+        self.assertIn("at 0.030000 0.180000", self.good("goto", "0.03", "0.18"))
+        self.assertEqual(self.status()["state"], "disabled")
+        self.assertAlmostEqual(self.status()["effector"][0], 0.03, 2)
+        self.refused("out_of_bounds", "goto", "0.03", "0.27")
+        self.refused("out_of_bounds", "goto", "9", "0")
+        self.refused("out_of_bounds", "jog", "x", "0.3")
+        self.refused("other_space", "jog", "1", "0.1")
+        self.assertEqual(self.status()["state"], "disabled")
+        # Up to the limit of the scene, and no further: no fault.
+        self.assertIn("at the scene's limit", self.good("jog", "y", "0.1", "30"))
+        self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+    def test_two_consoles_and_how_they_end(self):
+        first = self.armed()
+        self.assertIn("at 0.050000 0.180000", self.good("goto", "0.05", "0.18"))
+        self.good("hold")
+        self.refused("not_now", "set", "control.lambda", "8")
+        self.refused("not_now", "zero")
+        self.refused("not_now", "arm")
+        self.assertEqual(self.status()["state"], "running")
+        self.good("halt")
+        self.assertEqual(first.wait(PATIENCE), 0, self.said(first))
+        self.assertEqual(self.status()["state"], "disabled")
+
+        second = self.armed()
+        second.send_signal(signal.SIGINT)
+        self.assertEqual(second.wait(PATIENCE), 130, self.said(second))
+        self.ear.state("disabled")
+
+        third = self.armed()
+        self.good("off", scene=False)
+        self.assertEqual(third.wait(PATIENCE), 0, self.said(third))
+        self.ear.state("disabled")
+
+        # Its own source of motion, until it is ended.
+        fourth = self.start("operate", self.wire.bus, SCENE, *SETS, "run")
+        self.ear.state("running")
+        self.assertEqual(self.status()["source"], "reference")
+        self.refused("not_now", "goto", "0.05", "0.2")
+        self.good("halt")
+        self.assertEqual(fourth.wait(PATIENCE), 0, self.said(fourth))
+
+        # Jog as long as somebody holds it: here, until the input ends.
+        jog = subprocess.Popen([ESMC, "operate", self.wire.bus, SCENE, *SETS, "jog", "x", "-0.01"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(jog.kill)
+        self.ear.wait(lambda: self.ear.console[-1][1] == BASE + 3 and len([1 for c in self.ear.console if c[1] == BASE + 3]) > 150, "samples")
+        out, _ = jog.communicate(timeout=PATIENCE)
+        self.assertEqual(jog.returncode, 0, out)
+        self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+    def lost(self, ticks):
+        """The console has gone silent: rest, by the controller's own count of ticks."""
+        begin = len(self.ear.statuses)
+        self.ear.state("fault", begin)
+        statuses = self.ear.statuses
+        last = statuses[self.ear.console[-1][0]][0]
+        found = next(s for s in statuses[self.ear.console[-1][0]:] if s[2])
+        self.assertEqual(found[2], COMMAND_LOST)
+        # One tick for the frame, one for the Status; more where this program may hear a frame later than the controller does.
+        slack = 3 if WHERE == "slcan" else 15
+        self.assertLessEqual((found[0] - last) % 2**24, ticks + slack, (last, found))
+        self.assertGreaterEqual((found[0] - last) % 2**24, ticks - slack, (last, found))
+        rest = next(s for s in statuses[self.ear.console[-1][0]:] if s[1] == "fault")
+        self.assertLessEqual((rest[0] - found[0]) % 2**24, 2 * RATE, (found, rest))  # limits.halt_time: 2 s
+
+    def test_dead_and_stopped_consoles(self):
+        console = self.armed()
+        self.good("goto", "0.05", "0.18")
+        console.kill()
+        console.wait()
+        self.lost(SILENCE)
+        status = self.status()
+        self.assertEqual((status["state"], status["fault"], status["faults"][0]["name"]), ("fault", "command_lost", "command_lost"))
+        self.refused("command_lost", "arm")
+        self.refused("command_lost", "goto", "0.05", "0.2")
+        self.assertIn("acknowledges command_lost", self.good("reset"))
+        self.assertIn("no fault", self.good("reset"))
+
+        console = self.armed()
+        console.send_signal(signal.SIGSTOP)
+        self.lost(SILENCE)
+        console.send_signal(signal.SIGCONT)
+        self.assertEqual(console.wait(PATIENCE), 1)
+        self.assertIn("esmc: command_lost", self.said(console))
+        self.good("reset")
+
+        # In the middle of a jog the stream is missed, or the sign of life, whichever is first.
+        jog = self.start("operate", self.wire.bus, SCENE, *SETS, "jog", "x", "-0.002", "600")
+        self.ear.wait(lambda: len([1 for c in self.ear.console if c[1] == BASE + 3]) > 50 and self.ear.statuses[-1][1] == "running", "samples")
+        jog.kill()
+        jog.wait()
+        self.lost(min(SILENCE, 100))  # command.stream_age_ticks
+        self.good("reset")
+
+    def test_a_fault_and_forged_frames(self):
+        console = self.armed()
+        self.wire.send(BASE + 0x15, bytes(8))  # a second controller
+        self.assertEqual(console.wait(PATIENCE), 1)
+        self.assertIn("esmc: foreign_controller", self.said(console))
+        self.assertEqual(self.status()["fault"], "foreign_controller")
+        self.refused("foreign_controller", "run")
+        self.assertIn("acknowledges foreign_controller", self.good("reset"))
+
+        # Replays, forged sessions and noise on the way to the controller: counted, and nothing else; the console goes on.
+        console = self.armed()
+        for n in range(200):
+            for identifier in range(BASE, BASE + 6):
+                data = bytearray(os.urandom(8))
+                if n % 2 == 0:  # the right checksum of another session
+                    data[0] = crc8(identifier, self.ear.session % 255 + 1, data)
+                elif crc8(identifier, self.ear.session, data) == data[0] or crc8(identifier, 0, data) == data[0]:
+                    data[0] ^= 1
+                self.wire.send(identifier, bytes(data))
+        self.assertIn("at 0.050000 0.190000", self.good("goto", "0.05", "0.19"))
+        self.assertEqual(self.status()["state"], "running")
+        self.assertGreater(self.status()["frames"]["bad_crc"], 100)
+        self.good("off")
+        self.assertEqual(console.wait(PATIENCE), 0, self.said(console))
+
+    def test_several_controllers_need_a_scene(self):
+        over = threading.Event()
+
+        def second():
+            counter = 0
+            while not over.is_set():
+                counter = (counter + 1) % 16
+                data = bytearray([0, counter, 0, 0, counter, 0, 0, 9])
+                data[0] = crc8(0x7B0, 9, data)
+                self.wire.send(0x7B0, bytes(data))
+                over.wait(0.05)
+        thread = threading.Thread(target=second)
+        thread.start()
+        try:
+            self.refused("several controllers", "status", code=2, scene=False)
+            self.assertIn("0x780, 0x7a0", self.console("status", scene=False)[2])
+            self.assertEqual(self.status()["state"], "disabled")
+        finally:
+            over.set()
+            thread.join()
+
+    def test_record(self):
+        console = self.armed()
+        out = Path(self.folder.name, "record")
+        recorder = self.start("operate", self.wire.bus, SCENE, *SETS, "record", out)
+        self.good("goto", "0.05", "0.18")
+        self.good("goto", "0.04", "0.18")
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(PATIENCE), 0, self.said(recorder))
+        self.good("halt")
+        self.assertEqual(console.wait(PATIENCE), 0)
+        rows = [dict(zip(("t,x,y,x_error,y_error,angle1,tau1,angle2,tau2,angle3,tau3,angle4,tau4,fault,state").split(","), line.split(",")))
+                for line in (out / "log.csv").read_text(encoding="ascii").splitlines()[1:]]
+        self.assertGreater(len(rows), 10)
+        self.assertEqual({r["state"] for r in rows}, {"running"})
+        self.assertTrue(all(float(a["t"]) <= float(b["t"]) for a, b in zip(rows, rows[1:])))
+        self.assertTrue(any(abs(float(r["x"]) - 0.05) < 5e-3 for r in rows))
+        self.assertGreater((out / "frames.log").read_text(encoding="ascii").count(" 790#"), 10)
+
+    def test_a_prompt_at_a_terminal(self):
+        """With completion and history."""
+        if b"libedit" not in Path(ESMC).read_bytes():
+            self.skipTest("a build without libedit")
+        ours, theirs = pty.openpty()
+        console = subprocess.Popen([ESMC, "operate", self.wire.bus, SCENE, *SETS], stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm"})
+        self.addCleanup(console.kill)
+        os.close(theirs)
+        heard = ""
+
+        def until(text):
+            nonlocal heard
+            end = time.monotonic() + PATIENCE
+            while text not in heard:
+                self.assertLess(time.monotonic(), end, (text, heard))
+                if select.select([ours], [], [], 1)[0]:
+                    heard += os.read(ours, 4096).decode()
+            heard = heard[heard.index(text) + len(text):]
+        until("disabled> ")
+        os.write(ours, b"stat\t\n")
+        until("disabled, fault none")
+        os.write(ours, b"fly\n")
+        until("there is no command 'fly'")
+        os.write(ours, b"arm\n")
+        until("running> ")
+        os.write(ours, b"\x1b[A\n")  # the line before, again
+        until("not_now")
+        os.write(ours, b"goto 0.05 0.18\n")
+        until("at 0.050000 0.180000")
+        os.write(ours, b"\x04")  # the end of the input
+        self.assertEqual(console.wait(PATIENCE), 0)
+        os.close(ours)
+        self.ear.state("disabled")
+
+
+class BaseJoints(Bench):
+    """Where the scene's reference is of base joints, so are set points and samples."""
+    sets = [*SETS, "--set", "limits.workspace={ x = [-0.2, 0.2], y = [0.1, 0.3] }", "--set",
+            'reference={type="joint_sine", offset=[1.6, 1.6], amplitude=[0.05, 0.05], omega=[1.0, 1.0], join=1.0}']
+
+    def test_goto_and_jog(self):
+        out = self.good(stdin="arm\ngoto 1.7 1.5\njog theta11 -0.1 1\njog 2 0.1 1\nhalt\n")
+        a, b = map(float, out.split("at ", 1)[1].split()[:2])
+        self.assertTrue(abs(a - 1.7) < 0.02 and abs(b - 1.5) < 0.02, out)
+        a, b = map(float, out.rsplit("holds near ", 1)[1].split()[:2])
+        self.assertTrue(abs(a - 1.6) < 0.06 and abs(b - 1.6) < 0.06, out)
+        self.refused("other_space", "jog", "x", "0.1")
+        self.refused("not_now", stdin="run\ngoto 1.7 1.5\n")
+        self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+
+@unittest.skipUnless(BOARD, "no board")
+class Board(Bench):
+    """The program of boards/linux, with the scene in it, as the controller."""
+    sets, board = ["--set", "simulation.duration=900"], BOARD
+
+    def test_from_arming_to_a_dead_console(self):
+        self.assertEqual(self.status()["state"], "disabled")
+        self.refused("no_store", "store")
+        self.refused("read_only", "set", "control.lambda", "11")
+        self.assertIn("at 0.065000 0.170000", self.good(stdin="arm\ngoto 0.065 0.17\njog x 0.005 1\nhold\nhalt\n"))
+        self.ear.state("disabled")
+        console = self.armed()
+        console.kill()
+        console.wait()
+        self.ear.state("fault")
+        self.assertIn("acknowledges command_lost", self.good("reset"))
+        self.assertEqual(self.status()["state"], "disabled")
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)

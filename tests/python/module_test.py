@@ -1,0 +1,291 @@
+#!/usr/bin/python3
+"""The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study: 1e6 runs for the memory]"""
+import copy
+import csv
+import json
+import os
+import pathlib
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+ESMC, FOLDER = sys.argv[1], sys.argv[2]
+STUDY = "study" in sys.argv[3:]
+sys.path.insert(0, FOLDER)
+import numpy as np  # noqa: E402
+
+import esmc  # noqa: E402
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+SCENES = ROOT / "host_sim/scenes"
+CIRCLE = str(SCENES / "five_bar_circle.toml")
+ARM = str(SCENES / "rr_line.toml")
+
+
+def short(path, duration=0.2):
+    return esmc.Scene.load(str(path)).set("simulation.duration", duration)
+
+
+def command(*arguments):
+    run = subprocess.run([ESMC, *arguments, "--json"], capture_output=True, text=True, check=False)
+    return json.loads(run.stdout)
+
+
+def variants():
+    """50 runs: scenes, laws, modes, effects, both ways of running."""
+    shared = [("control.law", "ctc"), ("control.law", "smc"), ("control.lambda", 31.5), ("control.reaching", "tanh"),
+              ("effects", [{"type": "viscous_friction", "coefficient": [1e-3, 2e-3]}]),
+              ("effects", [{"type": "encoder", "bits": 13}]), ("control.torque_limit", 1.5), ("control.rate_hz", 500)]
+    for path in (CIRCLE, ARM):
+        for key, value in shared:
+            yield path, [(key, value)], "sim"
+            yield path, [(key, value), ("initial.joints" if path == ARM else "reference.phase", [0.4, 1.2] if path == ARM else 0.3)], "sim"
+            if key != "effects" or value[0]["type"] != "encoder":
+                yield path, [(key, value)], "hil"
+    for path in sorted(SCENES.glob("*.toml")):
+        if path.name not in ("five_bar_circle.toml", "rr_line.toml"):
+            yield str(path), [], "sim"
+
+
+class Runs(unittest.TestCase):
+    def test_digests_are_those_of_the_command(self):
+        seen = set()
+        cases = list(variants())[:50]
+        for path, changes, mode in cases:
+            scene = short(path)
+            for key, value in changes:
+                scene.set(key, value)
+            with tempfile.NamedTemporaryFile("w", suffix=".toml", dir=SCENES if "effects" not in str(changes) else None) as f:
+                f.write(scene.toml)
+                f.flush()
+                try:
+                    ours = esmc.run(scene, mode=mode, seed=3)
+                except esmc.InputError as e:
+                    told = subprocess.run([ESMC, mode, f.name, "--seed", "3"], capture_output=True, text=True, check=False)
+                    self.assertEqual(told.returncode, 2, (path, changes, e))
+                    continue
+                theirs = command(mode, f.name, "--seed", "3")
+            self.assertEqual(ours.digest, theirs["digest"], (path, changes, mode))
+            for timed in ("wall_s", "real_time_factor", "run"):
+                ours.summary.pop(timed, None), theirs.pop(timed, None)
+            self.assertEqual(json.dumps(ours.summary), json.dumps(theirs))
+            seen.add(ours.digest)
+        self.assertEqual(len(cases), 50)
+        self.assertGreater(len(seen), 40)
+
+    def test_log_is_the_file_without_a_copy(self):
+        with tempfile.TemporaryDirectory() as out:
+            subprocess.run([ESMC, "sim", CIRCLE, "--set", "simulation.duration=0.2", "--out", out + "/x"], check=True, capture_output=True)
+            with open(out + "/x/log.csv", newline="", encoding="ascii") as f:
+                head, *rows = list(csv.reader(f))
+        run = esmc.run(short(CIRCLE))
+        log = run.log
+        self.assertEqual(list(log), head)
+        for i, name in enumerate(head[:-1]):
+            np.testing.assert_array_equal(log[name], [float(r[i]) for r in rows])
+        self.assertEqual(list(log["state"]), [r[-1] for r in rows])
+        self.assertTrue(np.shares_memory(log["x"], run.log["x"]))
+        x = log["x"]
+        kept = x.copy()
+        del run, log
+        np.testing.assert_array_equal(x, kept)  # the view keeps the run alive
+
+    def test_controller_and_plant_make_the_run(self):
+        for path in (CIRCLE, ARM):
+            scene = short(path)
+            log, plant, controller = esmc.run(scene).log, esmc.Plant(scene), esmc.Controller(scene)
+            angles = []
+            for _ in log["t"]:
+                angles.append(plant.angle)
+                tick = controller.tick(plant.angle, plant.rate)
+                plant.step(tick.torque)
+            for i, name in enumerate(scene.joints):
+                np.testing.assert_array_equal(log[name], np.array(angles)[:, i])
+            np.testing.assert_array_equal(plant.q, esmc.run(scene).summary["final_state"]["q"])
+
+    def test_a_fault_is_a_result(self):
+        run = esmc.run(short(CIRCLE).set("limits.joint_speed", 5.0))
+        self.assertEqual(run.summary["supervisor"]["faults"][0]["name"], "joint_speed")
+        controller = esmc.Controller(short(CIRCLE))
+        bad = controller.tick([np.nan] * 4, [0] * 4)
+        self.assertEqual((bad.fault, list(bad.torque)), ("feedback_not_finite", [0.0, 0.0]))
+
+    def test_the_lock_is_free_during_a_run(self):
+        count, stop = [0], threading.Event()
+
+        def counting():
+            while not stop.is_set():
+                count[0] += 1
+
+        thread = threading.Thread(target=counting)
+        thread.start()
+        before = count[0]
+        esmc.run(short(CIRCLE, 20.0))
+        counted = count[0] - before
+        stop.set()
+        thread.join()
+        self.assertGreater(counted, 1000)
+
+    def test_ctrl_c(self):
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with self.assertRaises(KeyboardInterrupt):
+            esmc.run(short(CIRCLE, 1e5).set("reference.join", 0.1))
+        esmc.run(short(CIRCLE))  # and goes on
+
+
+class Studies(unittest.TestCase):
+    def test_check_margins_compare(self):
+        scene = esmc.Scene.load(CIRCLE)
+        self.assertEqual(esmc.check(scene), command("check", CIRCLE))
+        self.assertEqual(esmc.margins(scene), command("margins", CIRCLE))
+        unfit = esmc.check(scene.copy().set("control.torque_limit", 0.25))
+        self.assertEqual(unfit["verdict"], "unfit")
+        with tempfile.TemporaryDirectory() as out:
+            for name, law in (("a", "esmc"), ("b", "ctc")):
+                subprocess.run([ESMC, "sim", CIRCLE, "--set", f"control.law={law}", "--out", f"{out}/{name}"], check=True, capture_output=True)
+            self.assertEqual(esmc.compare(f"{out}/a", f"{out}/b"), command("compare", f"{out}/a", f"{out}/b"))
+
+    def test_model_by_other_means(self):
+        scene = esmc.Scene.load(CIRCLE)
+        base, rate = np.array([0.9, 1.1]), np.array([0.7, -0.4])
+        m = esmc.model(scene, {"theta": base, "thetad": rate})["model"]
+        np.testing.assert_allclose(m["A"] @ m["C"], 0, atol=1e-12)
+        np.testing.assert_allclose(m["C"].T @ np.diag(m["M_diag"]) @ m["C"], m["H"], rtol=1e-12)
+        self.assertTrue(np.all(np.linalg.eigvalsh(m["H"]) > 0))
+        # The velocity of the effector, from two poses.
+        def at(q):
+            s = esmc.model(scene, {"theta": q})["state"]
+            return np.array([float(s["x"]), float(s["y"])])
+        step = 1e-6
+        moved = (at(base + step * rate) - at(base - step * rate)) / (2 * step)
+        state = esmc.model(scene, {"x": at(base)[0], "y": at(base)[1], "xd": moved[0], "yd": moved[1]})["state"]
+        np.testing.assert_allclose(np.asarray(state["thetad"])[[0, 2]], rate, atol=1e-7)
+        arm = esmc.model(esmc.Scene.load(ARM), {"theta": [0.4, 1.2]})["model"]
+        np.testing.assert_allclose(arm["A"] @ arm["C"], 0, atol=1e-12)
+
+    def test_rollouts_are_single_runs_on_any_number_of_threads(self):
+        scene = short(CIRCLE)
+        values = np.linspace(20.0, 60.0, 13)
+        ranges = {"control.lambda": values, "control.gain": (100.0, 200.0), "plant.leg.m1": (0.09, 0.11)}
+        results = [esmc.rollout(scene, ranges, seed=7, threads=t) for t in (1, 2, 5)]
+        for other in results[1:]:
+            for name, column in results[0].items():
+                np.testing.assert_array_equal(column, other[name])
+        np.testing.assert_array_equal(results[0]["control.lambda"], values)
+        self.assertEqual(set(results[0]["outcome"]), {"ok"})
+        plain = esmc.rollout(scene, {"control.lambda": values, "control.gain": list(np.linspace(90, 190, 13))})
+        for i in range(13):
+            alone = scene.copy().set("control.lambda", values[i]).set("control.gain", plain["control.gain"][i])
+            tracking = esmc.run(alone).summary["tracking"]
+            self.assertEqual(plain["rms_m"][i], tracking["rms_m"])
+            self.assertEqual(plain["max_rad"][i], tracking["max_rad"])
+        laws = esmc.rollout(scene, {"control.law": ["esmc", "ctc", "smc"]}, objectives=["max_m"])
+        self.assertEqual(sorted(laws), ["control.law", "max_m", "outcome"])
+        some = esmc.rollout(scene, {"mechanism.leg.l1": [0.12, 1e-3]})
+        self.assertEqual([some["outcome"][0], np.isnan(some["rms_m"][1])], ["ok", True])
+
+    def test_memory_stays(self):
+        def resident():
+            return int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+        scene, n = short(CIRCLE, 0.002), 1_000_000 if STUDY else 3000
+        for k in range(n + 500):
+            if k == 500:
+                before = resident()
+            esmc.run(scene).log["x"].sum()
+            if k % 100 == 0:
+                esmc.rollout(scene, {"control.lambda": (20.0, 40.0)}, n=8)
+                esmc.Controller(scene).tick([1.0] * 4, [0.0] * 4)
+        grown = resident() - before
+        print(f"{n} runs: {grown} bytes more")
+        self.assertLess(grown, 4e6)
+
+
+class Misuse(unittest.TestCase):
+    def test_every_one_ends_in_a_clear_exception(self):
+        s, n = short(CIRCLE), float("nan")
+        plant, controller = esmc.Plant(s), esmc.Controller(s)
+        cases = [
+            lambda: esmc.Scene.load("no_such_file.toml"), lambda: esmc.Scene.load(""), lambda: esmc.Scene.load("-"),
+            lambda: esmc.Scene.load(str(ROOT)), lambda: esmc.Scene.load(3), lambda: esmc.Scene.load(ESMC), lambda: esmc.Scene(),
+            lambda: s.set("control.lamda", 3), lambda: s.set("control.lambda", -1), lambda: s.set("control.lambda", "x"),
+            lambda: s.set("control.lambda", n), lambda: s.set("control.lambda", None), lambda: s.set("control.lambda", object()),
+            lambda: s.set("control.lambda", np.zeros((2, 2))), lambda: s.set("", 1), lambda: s.set("control", 1),
+            lambda: s.set("control.law", "no\nlaw\"]"), lambda: s.set("control.law", "\x00"), lambda: s.set(1, 2),
+            lambda: s.set("reference.center", [0.0]), lambda: s.set("reference.center", [0.0, 10.0]), lambda: s.set("control.rate_hz", 10**30),
+            lambda: esmc.run(s, mode="real"), lambda: esmc.run(s, seed=-1), lambda: esmc.run("scene"), lambda: esmc.run(s, 1, 2, 3),
+            lambda: esmc.run(s.copy().set("simulation.accuracy", 1e-8), mode="hil"),
+            lambda: esmc.Controller(s.copy().set("control", {"law": "none"})), lambda: controller.tick([1.0], [0.0]), lambda: controller.tick([[1.0] * 4], [0.0] * 4),
+            lambda: controller.tick(["a"] * 4, [0.0] * 4), lambda: controller.tick([0.0] * 4, [0.0] * 4, "jump"),
+            lambda: plant.step([1.0]), lambda: plant.step("x"), lambda: [plant.step([n, n]) for _ in range(3)], lambda: esmc.Plant(None), lambda: esmc.Plant(s.copy().set("simulation.accuracy", 1e-4)),
+            lambda: esmc.rollout(s, {"control.lambda": (3.0,)}), lambda: esmc.rollout(s, {"control.lambda": (5.0, 3.0)}),
+            lambda: esmc.rollout(s, {"control.lambda": (1.0, n)}), lambda: esmc.rollout(s, {"no.key": (1.0, 2.0)}),
+            lambda: esmc.rollout(s, {"control.lambda": [1.0, 2.0]}, n=3), lambda: esmc.rollout(s, {}, n=0), lambda: esmc.rollout(s, {}, n=10**9),
+            lambda: esmc.rollout(s, {"control.lambda": [[1.0]]}), lambda: esmc.rollout(s, {"control.lambda": 3.0}), lambda: esmc.rollout(s, [], n=2),
+            lambda: esmc.rollout(s, {}, threads=-1), lambda: esmc.rollout(s, {}, objectives=["speed"]),
+            lambda: esmc.model(s, {}), lambda: esmc.model(s, {"theta": [1.0]}), lambda: esmc.model(s, {"theta": [n, n]}), lambda: esmc.model(s, []),
+            lambda: esmc.model(s, {"x": 5.0, "y": 5.0}), lambda: esmc.model(s, {"theta": "north"}), lambda: esmc.compare("a", "b"),
+            lambda: pickle.loads(pickle.dumps(s)).set("a", 1),
+        ]
+        self.assertGreaterEqual(len(cases), 40)
+        for k, case in enumerate(cases):
+            with self.assertRaises((ValueError, TypeError, RuntimeError), msg=str(k)) as caught:
+                case()
+            text = str(caught.exception)
+            self.assertGreater(len(text), 10, k)
+            self.assertNotIn("json.exception", text)
+            self.assertNotIn("std::", text, k)
+        with self.assertRaisesRegex(esmc.InputError, r"control\.lambda"):
+            s.set("control.lambda", -1)
+        self.assertEqual(esmc.run(s).digest, esmc.run(short(CIRCLE)).digest)  # none of them has changed it
+
+    def test_random_arguments(self):
+        import random
+        draw = random.Random(5)
+        s = short(CIRCLE, 0.01)
+        values = [None, True, 0, -1, 2**70, 0.5, float("inf"), "", "x", "control.lambda", b"y", [], [1.0], [1.0] * 4, (1.0, 2.0), {}, {"control.lambda": (20.0, 30.0)},
+                  {"theta": [1.0, 1.2]}, np.ones(4), np.ones((2, 2)), np.array(["a"]), np.array([1], dtype=object), s, object(), [[1], 2]]
+        things = [esmc.run, esmc.rollout, esmc.check, esmc.margins, esmc.model, esmc.compare, esmc.Scene.load, s.copy().set, esmc.Controller, esmc.Plant,
+                  esmc.Controller(s).tick, esmc.Plant(s).step]
+        raised = 0
+        for _ in range(4000):
+            thing = draw.choice(things)
+            arguments = [draw.choice([s.copy(), *values]) for _ in range(draw.randrange(4))]
+            named = {draw.choice(["n", "seed", "threads", "mode", "objectives", "tolerance"]): draw.choice(values) for _ in range(draw.randrange(2))}
+            try:
+                thing(*arguments, **named)
+            except (ValueError, TypeError, RuntimeError, KeyError, AttributeError, OverflowError) as e:
+                raised += 1
+                self.assertNotIn("std::", str(e))
+        self.assertGreater(raised, 2000)
+
+    def test_copies_are_apart(self):
+        s = short(CIRCLE)
+        t = pickle.loads(pickle.dumps(s))
+        self.assertEqual(s.toml, t.toml)
+        s.copy().set("control.lambda", 10.0)
+        self.assertEqual(s.toml, t.toml)
+
+
+class Stubs(unittest.TestCase):
+    def test_name_everything(self):
+        stub = (pathlib.Path(FOLDER) / "esmc.pyi").read_text(encoding="utf-8")
+        told = set(re.findall(r"^(?:class|def) (\w+)", stub, flags=re.M))
+        self.assertEqual(told, {n for n in dir(esmc) if not n.startswith("_")})
+        for block in re.split(r"^class ", stub, flags=re.M)[1:]:
+            name = re.match(r"\w+", block)[0]
+            members = set(re.findall(r"^    def (\w+)", block, flags=re.M)) - {"__init__"}
+            if members:
+                self.assertEqual(members, {n for n in dir(getattr(esmc, name)) if not n.startswith("_")}, name)
+        for item in [getattr(esmc, n) for n in told]:
+            self.assertTrue(item.__doc__)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=1)

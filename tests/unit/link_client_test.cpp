@@ -1,0 +1,155 @@
+/// The supervisor computer's end of the command interface: its frames against a desk made of bytes, its ears
+/// against frames that lie, and both against the firmware's end.
+
+#include "host_sim/operate/link_client.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+#include <string>
+
+#include "tests/support/link_bench.hpp"
+
+namespace esmc::test {
+namespace {
+
+using host::LinkClient;
+
+std::string bytes(const hal::CanFrame& f) {
+  std::string out = std::to_string(f.id) + (f.extended || f.remote || f.fd ? "!" : "#");
+  for (unsigned i = 0; i < f.size; ++i) out += std::to_string(f.data[i]) + " ";
+  return out;
+}
+
+/// A client and a desk that have heard the same of a controller.
+struct Pair {
+  LinkBench bench;
+  LinkClient client{0x780};
+  void listen(int ticks) {
+    for (int n = 0; n < ticks; ++n) bench.tick();
+    for (const auto& f : bench.desk.heard) (void)client.hear(f);
+  }
+};
+
+TEST(LinkClient, FramesAreThoseOfTheDesk) {
+  Pair p;
+  Desk& desk = p.bench.desk;
+  for (int n = 0; n < 8; ++n) p.bench.tick({desk.ask(2)});
+  p.listen(8);
+  desk.counter = {};  // the client has sent nothing yet
+  ASSERT_TRUE(p.client.news().status && p.client.news().table);
+  for (int round = 0; round < 20; ++round) {  // past the end of the counters
+    for (unsigned o = 0; o < order_count; ++o)
+      ASSERT_EQ(bytes(p.client.order(static_cast<Order>(o))), bytes(desk.order(o)));
+    ASSERT_EQ(bytes(*p.client.set_point(Space::effector, {-0.123456, 8.0})),
+              bytes(desk.pair(Desk::point, -123456, 8000000)));
+    const auto sample = p.client.sample(Space::base_joints, {0.5, -0.25}, {-0.1, 83.0});
+    ASSERT_TRUE(sample);
+    ASSERT_EQ(bytes((*sample)[0]), bytes(desk.pair(Desk::position, 500000, -250000, 1)));
+    ASSERT_EQ(bytes((*sample)[1]), bytes(desk.pair(Desk::velocity, -10000, 8300000, 1)));
+    ASSERT_EQ(bytes(p.client.write(3, -1.5F)), bytes(desk.set_gain(3, -1.5F)));
+    ASSERT_EQ(bytes(p.client.request(Subject::parameter, 7)), bytes(desk.ask(1, 7)));
+  }
+}
+
+TEST(LinkClient, NumbersBeyondTheWireMakeNoFrame) {
+  LinkClient client(0x780);
+  const double inf = std::numeric_limits<double>::infinity(), nan = std::numeric_limits<double>::quiet_NaN();
+  for (const double v : {8.388608, -8.388608, 1e300, inf, -inf, nan}) {
+    EXPECT_FALSE(client.set_point(Space::effector, {v, 0.0})) << v;
+    EXPECT_FALSE(client.set_point(Space::effector, {0.0, v})) << v;
+    EXPECT_FALSE(client.sample(Space::effector, {0.0, v}, {0.0, 0.0})) << v;
+  }
+  EXPECT_FALSE(client.sample(Space::effector, {0.0, 0.0}, {84.0, 0.0}));
+  EXPECT_TRUE(client.set_point(Space::effector, {8.388607, -8.388607}));
+}
+
+TEST(LinkClient, HearsWhatTheControllerSays) {
+  Pair p;
+  p.bench.report.effector = {0.25F, -0.5F};
+  for (int n = 0; n < 8; ++n) p.bench.tick({p.bench.desk.ask(2), p.bench.desk.ask(1, 6)});
+  p.bench.tick({p.bench.desk.set_gain(0, 55.0F)});
+  p.bench.tick({}, Fault::none);
+  p.listen(16);
+  const auto& n = p.client.news();
+  ASSERT_TRUE(n.status);
+  EXPECT_EQ(static_cast<unsigned>(n.status->state), p.bench.desk.state);
+  EXPECT_EQ(n.status->tick, p.bench.desk.tick);
+  EXPECT_EQ(p.client.session(), 77);
+  EXPECT_EQ(n.scene.value_or(0), 0x89ABCDEFU);
+  EXPECT_EQ(n.version, protocol_version);
+  EXPECT_EQ(n.table.value_or(0), p.bench.desk.crc32);
+  EXPECT_EQ(n.parameter[6].value, 2.0F);
+  EXPECT_FALSE(n.parameter[6].writable);
+  EXPECT_EQ(n.parameter[0].value, 55.0F);
+  EXPECT_EQ(n.parameter[0].answer, Answer::ok);
+  EXPECT_TRUE(n.parameter[0].writable);
+}
+
+/// What a console decides by, session and tick, comes from intact Status only: checksum by long division.
+TEST(LinkClient, ForgedFramesChangeNoSession) {
+  std::mt19937 draw(7);
+  LinkClient client(0x780);
+  Desk desk;
+  std::uint32_t taken = 0;
+  for (int n = 0; n < 400000; ++n) {
+    hal::CanFrame f;
+    f.id = draw() % 2 == 0 ? 0x790 : 0x770 + draw() % 0x40;
+    f.size = static_cast<std::uint8_t>(draw() % 4 == 0 ? draw() % 9 : 8);
+    f.extended = draw() % 16 == 0;
+    f.remote = draw() % 16 == 0;
+    f.fd = draw() % 16 == 0;
+    for (unsigned i = 0; i < 8; ++i) f.data[i] = static_cast<std::uint8_t>(draw());
+    const auto before = client.news().status;
+    const bool heard = client.hear(f);
+    const bool status = f.id == 0x790 && f.size == 8 && !f.extended && !f.remote && !f.fd && f.data[7] != 0 &&
+                        desk.seal(f, f.data[7]).data[0] == f.data[0] && (f.data[1] >> 4) < 9 &&
+                        (f.data[3] & 3) < 3 && ((f.data[3] >> 2) & 3) < 3;
+    ASSERT_EQ(heard, status);
+    if (!heard) {
+      ASSERT_EQ(client.news().status.has_value(), before.has_value());
+      if (before) {
+        ASSERT_EQ(client.session(), before->session);
+        ASSERT_EQ(client.news().status->tick, before->tick);
+      }
+    }
+    taken += heard ? 1 : 0;
+  }
+  EXPECT_GT(taken, 3U);
+}
+
+TEST(LinkClient, TwoConsolesStayInStep) {
+  Pair p;
+  p.listen(8);
+  LinkClient other(0x780);
+  for (const auto& f : p.bench.desk.heard) (void)other.hear(f);
+  LinkClient* const consoles[] = {&p.client, &other};
+  std::mt19937 draw(3);
+  for (int n = 0; n < 1000; ++n) {
+    const unsigned who = n == 0 ? 0 : draw() % 2;
+    const hal::CanFrame f = consoles[who]->order(Order::none);
+    (void)consoles[1 - who]->hear(f);
+    ASSERT_EQ(p.bench.one(f), Outcome::obeyed) << n;
+  }
+}
+
+TEST(LinkClient, ForgedOrderOfAnotherConsoleMovesNoCounter) {
+  Pair p;
+  p.listen(8);
+  ASSERT_EQ(p.bench.one(p.client.order(Order::none)), Outcome::obeyed);
+  hal::CanFrame forged = LinkClient(0x780).order(Order::none);  // of no session
+  forged.data[1] = 9;
+  (void)p.client.hear(forged);
+  EXPECT_EQ(p.bench.one(p.client.order(Order::none)), Outcome::obeyed);
+}
+
+TEST(LinkClient, StopsWithoutAStatus) {
+  LinkBench bench;
+  bench.tick();
+  EXPECT_EQ(bench.one(LinkClient(0x780).order(Order::off)), Outcome::obeyed);
+  EXPECT_EQ(bench.one(LinkClient(0x780).order(Order::disarm)), Outcome::obeyed);
+  EXPECT_NE(bench.one(LinkClient(0x780).order(Order::arm)), Outcome::obeyed);
+}
+
+}  // namespace
+}  // namespace esmc::test

@@ -1,0 +1,242 @@
+/// Optional parts, estimates and gains where their other tests do not lead: corners that structure.coverage
+/// found.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "firmware/cycle/estimate.hpp"
+#include "firmware/cycle/link_gains.hpp"
+#include "firmware/cycle/linked.hpp"
+#include "firmware/cycle/part_elbow_rotors.hpp"
+#include "firmware/cycle/part_momentum_observer.hpp"
+#include "firmware/cycle/part_super_twisting.hpp"
+#include "firmware/cycle/setpoint_generator.hpp"
+#include "tests/support/cycle_rig.hpp"
+
+namespace esmc::test {
+namespace {
+
+using Five = FiveBar<double>;
+using Arm = Rr<double>;
+
+const RrParams<double> arm_params{{0.2, 0.15, 0.09, 0.07, 0.4, 0.3, 2e-3, 1e-3, 0.0, 0.0, 0.0, 0.0}, 9.8};
+
+ControllerConfig<Arm> arm_config() {
+  ControllerConfig<Arm> c;
+  c.mechanism = Arm(arm_params);
+  c.mode = {1};
+  c.gains.lambda.setConstant(20.0);
+  c.gains.k.setConstant(8.0);
+  c.gains.layer.setConstant(0.7);
+  c.gains.independent = {20.0, 8.0, 0.7, 90.0, 15.0};
+  c.torque_limit.setConstant(3.0);
+  c.sample_time = 1e-3;
+  return c;
+}
+Tracking<Arm> at_rest(const Arm& arm, const Vec2<double>& angle) {
+  Tracking<Arm> t{};
+  t.pose = t.desired_pose = arm.pose(angle);
+  t.rates = t.desired_rates = t.desired_acceleration = Vec2<double>::Zero();
+  return t;
+}
+
+/// An arm that stays at rest under any torque is held by somebody: the observer finds the difference between
+/// its weight and the torque sent, and no more than all motors together can give.
+TEST(PartCorners, TheObserverOfAnArmFindsWhatHoldsIt) {
+  const double a = 0.4, b = 0.9;
+  const Vec2<double> weight(9.8 * ((0.4 * 0.09 + 0.3 * 0.2) * std::cos(a) + 0.3 * 0.07 * std::cos(a + b)),
+                            9.8 * 0.3 * 0.07 * std::cos(a + b));
+  ControllerConfig<Arm> c = arm_config();
+  c.observer_bandwidth = 200.0;
+  const Tracking<Arm> t = at_rest(c.mechanism, {a, b});
+  for (const Vec2<double>& sent : {Vec2<double>(0.3, -0.2), Vec2<double>(500.0, -500.0)}) {
+    PartMemory<Arm> memory;
+    memory.reset();
+    for (int n = 0; n < 200; ++n) {
+      part::momentum_observer(c, t, memory);
+      memory.keep(sent, true);
+    }
+    for (int i = 0; i < 2; ++i)
+      EXPECT_NEAR(memory.disturbance[i], std::clamp(weight[i] - sent[i], -6.0, 6.0), 1e-9) << i;
+  }
+}
+
+/// With nothing lost of the last torque it is the same whether some motor was at its limit or not.
+TEST(PartCorners, SuperTwistingLosesNothingWhereNothingWasLost) {
+  for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected}) {
+    ControllerConfig<Arm> c = arm_config();
+    c.law = law;
+    Tracking<Arm> t = at_rest(c.mechanism, {0.4, 0.9});
+    t.rates = {0.3, -0.1};
+    Arm::Channels acceleration[3], sliding;
+    for (const int kind : {0, 1, 2}) {
+      PartMemory<Arm> memory;
+      memory.reset();
+      memory.keep({0.5, 0.25}, kind == 0);
+      memory.asked = kind == 2 ? Vec2<double>(2.5, 0.25) : Vec2<double>(0.5, 0.25);
+      for (int n = 0; n < 3; ++n) part::super_twisting(c, t, memory, acceleration[kind], sliding);
+    }
+    EXPECT_TRUE(acceleration[0].isApprox(acceleration[1], 1e-14)) << static_cast<int>(law);
+    EXPECT_FALSE(acceleration[0].isApprox(acceleration[2], 1e-6)) << "2 N m were lost";
+  }
+}
+
+/// What a ramp or a limit takes from the torque is not the law's, and parts are told so.
+TEST(PartCorners, TorqueBelowItsRampIsNotTheLaws) {
+  ControllerConfig<Arm> c = arm_config();
+  c.limits = {.min_abs_sin_type1 = 0.02,
+              .joint_speed = 50.0,
+              .workspace_x = {-0.4, 0.4},
+              .workspace_y = {-0.4, 0.4},
+              .joint_angle = {{{-3.2, 3.2}, {-3.2, 3.2}}},
+              .max_age_ticks = 2};
+  c.reference = {.kind = ReferenceKind::hold_start, .space = ReferenceSpace::base_joints};
+  c.reach = &part::super_twisting<Arm>;
+  c.ramp_ticks = 5;
+  c.halt_ticks = 10;
+  c.after_halt = AfterHalt::hold;
+  Controller<Arm> controller(c);
+  Supervisor supervisor(controller.supervision());
+  Sample<Arm> sample;
+  sample.angle = {0.4, 0.9};
+  const auto tick = [&](Command command) {
+    supervisor.begin_tick(command, {true, false});
+    return controller.tick(sample, supervisor).state;
+  };
+  tick(Command::enable);
+  for (int n = 0; n < 8; ++n) {
+    ASSERT_EQ(tick(Command::none), State::running);
+    EXPECT_EQ(controller.memory().whole, n >= 5) << n;
+  }
+  EXPECT_EQ(tick(Command::halt), State::halting);
+  EXPECT_TRUE(controller.memory().whole);
+}
+
+/// From four motors without a preload, too, the torque rises in equal steps.
+TEST(PartCorners, FourMotorsRampInEqualSteps) {
+  auto s = setup<Five>();
+  s.controller.motors = Motors::all;
+  s.controller.sensors = Sensors::all;
+  s.controller.ramp_ticks = 10;
+  Rig<Five> rig(s);
+  ASSERT_TRUE(rig.start());
+  const Vec<double, 4> second = rig.tick().torque, third = rig.tick().torque, fourth = rig.tick().torque;
+  EXPECT_GT((third - second).norm(), 1e-3);
+  // The reference moves on by a thousandth of its radius in these ticks, and the rig stands still.
+  EXPECT_LT((fourth - 2.0 * third + second).norm(), 0.1 * (third - second).norm());
+}
+
+TEST(PartCorners, WithoutFusionNoEncoderIsBlamed) {
+  const auto s = setup<Five>();
+  Controller<Five> controller(s.controller);
+  TickResult<Five> result;
+  result.fault = Fault::loop_not_closed;
+  EXPECT_EQ(report_of(controller, result, Sample<Five>{}).axis, link::no_axis);
+}
+
+TEST(PartCorners, ADelayIsRoundedAndNoLongerThanTheMemory) {
+  ControllerConfig<Arm> c = arm_config();
+  for (const auto& [ticks, whole] : {std::pair{0.0, 0}, {0.4, 0}, {1.6, 2}, {7.9, 8}, {8.0, 8}, {1e9, 8}}) {
+    c.delay_ticks = ticks;
+    EXPECT_EQ(part::whole_delay(c), whole) << ticks;
+  }
+}
+
+/// Rotors at the elbows add to their own rows, to the law's accelerations or to those of the part behind.
+TEST(PartCorners, ElbowRotorsAddToWhatIsBehindThem) {
+  auto s = setup<Five>();
+  FiveBarParams<double> p{.l0 = half_base, .m0 = 0.05, .g = 9.8, .legs = {}};
+  for (auto& leg : p.legs) {
+    leg = {bar1, bar2, 0.06, 0.068, 0.1, 0.11, 2e-4, 7e-4, 0.01, 0.012, 0.0, 0.0};
+    leg.rotor2 = 3e-4;
+  }
+  auto& c = s.controller;
+  c.mechanism = Five(p);
+  Tracking<Five> t{};
+  ASSERT_TRUE(desired_at_effector(c.mechanism, c.mode, {0.01, 0.18}, {0.1, 0.0}, {0.0, 0.0}, t.pose, t.rates,
+                                  t.desired_acceleration));
+  t.desired_pose = t.pose;
+  t.desired_rates = t.rates;
+  PartMemory<Five> memory;
+  memory.reset();
+  Five::Channels of_law = Five::Channels::Zero(), with_rotors = of_law, sliding;
+  fused_acceleration(c.law, c.mechanism, c.gains, c.reaching, t, of_law, sliding);
+  part::elbow_rotors(c, t, memory, with_rotors, sliding);
+  Five::Channels expected = of_law;
+  c.mechanism.add_rotors(expected);
+  EXPECT_EQ(with_rotors, expected);
+  EXPECT_NE(with_rotors, of_law);
+  c.behind = [](const ControllerConfig<Five>&, const Tracking<Five>&, PartMemory<Five>&, Five::Channels& a,
+                Five::Channels& s1) {
+    a.setConstant(2.0);
+    s1.setConstant(3.0);
+  };
+  part::elbow_rotors(c, t, memory, with_rotors, sliding);
+  expected.setConstant(2.0);
+  c.mechanism.add_rotors(expected);
+  EXPECT_EQ(with_rotors, expected);
+  EXPECT_EQ(sliding[0], 3.0);
+}
+
+TEST(PartCorners, EveryVectorThatALaterTickReadsIsShown) {
+  ControllerConfig<Arm> c = arm_config();
+  Controller<Arm> controller(c);
+  int shown = 0;
+  controller.memory().each_state([&](Vec2<double>& v) {
+    v.setConstant(1.5);
+    ++shown;
+  });
+  EXPECT_EQ(shown, PartMemory<Arm>::depth + 3 + 4 + SuperTwisting<double>::most_delay + 1);
+  EXPECT_EQ(controller.memory().disturbance, Vec2<double>(1.5, 1.5));
+  controller.memory().reset();
+  EXPECT_EQ(controller.memory().disturbance, Vec2<double>(0.0, 0.0));
+}
+
+TEST(PartCorners, ByValueOrByReferenceItIsTheSameState) {
+  const auto s = setup<Five>();
+  const auto& c = s.controller;
+  const auto up = desired_at_effector(c.mechanism, c.mode, {0.01, 0.18}, {0.1, -0.2}, {1.0, 2.0});
+  ASSERT_TRUE(up.has_value());
+  EXPECT_FALSE(desired_at_effector(c.mechanism, c.mode, {0.0, 3.0}, {0.0, 0.0}, {0.0, 0.0}).has_value());
+  const Vec2<double> q = Five::base_angles(up->pose), qd = Five::base(up->rates);
+  const auto at = desired_at_base(c.mechanism, c.mode, q, qd, Five::base(up->acceleration));
+  ASSERT_TRUE(at.has_value());
+  EXPECT_TRUE(at->pose.effector.isApprox(up->pose.effector, 1e-12));
+  EXPECT_TRUE(at->acceleration.platform.isApprox(up->acceleration.platform, 1e-9));
+  const auto seen = estimate_from_base(c.mechanism, c.mode, q, qd);
+  ASSERT_TRUE(seen.has_value());
+  EXPECT_EQ(seen->closure, 0.0);
+  EXPECT_TRUE(seen->pose.effector.isApprox(up->pose.effector, 1e-12));
+  const Vec2<double> apart(0.0, 0.0);  // both first bars outwards along the base line
+  EXPECT_FALSE(estimate_from_base(c.mechanism, c.mode, apart, qd).has_value());
+  EXPECT_FALSE(desired_at_base(c.mechanism, c.mode, apart, qd, qd).has_value());
+}
+
+TEST(PartCorners, OnlyTheImplicitLawDerivesItsLayer) {
+  link::Parameters p({30, 31, 8, 9, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
+                     {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{0, 20}, link::Bounds{0, 20}});
+  for (const Reaching r : {Reaching::saturation, Reaching::implicit}) {
+    Gains<Arm> g = arm_config().gains;
+    set_gains(g, p, r, 1e-3, 0.0);
+    EXPECT_EQ(g.layer[0] == 0.7, r == Reaching::saturation);
+  }
+  link::Parameters none(
+      {30, 31, 0, 0, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
+      {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{0, 20}, link::Bounds{0, 20}});
+  Gains<Arm> g = arm_config().gains;
+  set_gains(g, none, Reaching::implicit, 1e-3, 0.0);
+  EXPECT_EQ(g.layer[0], 0.7);
+  EXPECT_EQ(g.k[0], 0.0);
+}
+
+/// Away at the full speed allowed there is no room left, and the time is finite all the same.
+TEST(PartCorners, FadingFromTheFullSpeedAwayTakesAFiniteTime) {
+  const double time = fading_time(0.1, 2.0, 2.0, 50.0);
+  EXPECT_TRUE(time >= 30 * 0.1 / 2.0 && time < 10.0) << time;
+}
+
+}  // namespace
+}  // namespace esmc::test
