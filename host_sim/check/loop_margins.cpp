@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <numbers>
+#include <vector>
 
 #include "host_sim/check/check.hpp"
 #include "host_sim/check/linear_loop.hpp"
@@ -38,7 +40,7 @@ void find_margins(const StateSpace& plant, const StateSpace& feedback, double ti
   if (loop.A.size() == 0 || !loop.A.allFinite() || !gained.allFinite())
     throw RunError(fmt::format("at t = {:.3f} s the loop has no finite slope", to.t));
   const auto stable_at = [&](double gain) {
-    return std::abs(leading(MatrixXd(loop.A + gain * gained))) < ringing;
+    return std::abs(leading((loop.A + gain * gained).cast<std::complex<double>>())) < ringing;
   };
   to.stable = stable_at(1.0);
   if (to.stable) {
@@ -51,14 +53,15 @@ void find_margins(const StateSpace& plant, const StateSpace& feedback, double ti
     to.phase = end_of(turned, 0.5, 170.0, 1.2);
     const auto later = [&](double more) {
       const StateSpace l = reduced(series(sampled(plant, tick, delay + more), feedback));
-      return std::abs(leading(MatrixXd(l.A + l.B * l.C))) < ringing;
+      return std::abs(leading((l.A + l.B * l.C).cast<std::complex<double>>())) < ringing;
     };
     to.delay = end_of(later, tick / 50.0, delay_most * tick, 1.4);
   } else {
     to.gain = end_of([&](double g) { return !stable_at(g); }, 1.0, 1.0 / gain_most, 1.0 / 1.2);
     to.phase = to.delay = 0.0;
   }
-  const std::complex<double> critical = leading(MatrixXd(loop.A + to.gain.value_or(1.0) * gained));
+  const std::complex<double> critical =
+      leading((loop.A + to.gain.value_or(1.0) * gained).cast<std::complex<double>>());
   to.frequency = std::abs(std::arg(critical)) / (2.0 * std::numbers::pi * tick);
 }
 
@@ -138,7 +141,8 @@ void judge_stability(const Scene& scene, Findings& f) {
     for_each_pose(scene, 6, [&](const Moment&, const StateSpace& plant, const StateSpace& feedback) {
       const StateSpace loop = reduced(series(sampled(plant, scene.tick(), delay), feedback));
       const MatrixXd closed = loop.A + loop.B * loop.C;
-      if (closed.size() > 0 && closed.allFinite()) roots.push_back(leading(closed));
+      if (closed.size() > 0 && closed.allFinite())
+        roots.push_back(leading(closed.cast<std::complex<double>>()));
     });
   } catch (const Interrupted&) {
     throw;
