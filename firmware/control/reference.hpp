@@ -10,6 +10,13 @@
 
 namespace esmc {
 
+/// A time between ticks; a fraction is exact in a float.
+struct TickTime {
+  static constexpr unsigned bits = 24;
+  std::uint64_t tick = 0;
+  std::uint32_t fraction = 0;  ///< of a tick, unit 2^-24, < 2^24
+};
+
 /// An angle that grows by the same amount every tick, modulo one turn; unit 2^-64 turn.
 struct PhaseClock {
   std::uint64_t start = 0, per_tick = 0;
@@ -17,7 +24,20 @@ struct PhaseClock {
   /// Angle at a tick, rad, in [-pi, pi].
   template <class S>
   [[nodiscard]] S angle(std::uint64_t tick) const {
-    const auto phase = static_cast<std::int64_t>(start + per_tick * tick);
+    return angle_of<S>(start + per_tick * tick);
+  }
+  /// The same at a time between ticks.
+  template <class S>
+  [[nodiscard]] S angle(const TickTime& t) const {
+    const auto speed = static_cast<std::int64_t>(per_tick);  // backwards: negative
+    return angle_of<S>(start + per_tick * t.tick +
+                       static_cast<std::uint64_t>((speed >> TickTime::bits) * std::int64_t{t.fraction}));
+  }
+
+ private:
+  template <class S>
+  [[nodiscard]] static S angle_of(std::uint64_t turns) {
+    const auto phase = static_cast<std::int64_t>(turns);
     if constexpr (sizeof(S) >= sizeof(std::int64_t)) {
       return S(phase) * S(6.283185307179586476925286766559L / 18446744073709551616.0L);
     } else {  // 32 bits are more than a float keeps, and a board converts them in one instruction
@@ -95,13 +115,23 @@ struct Reference {
 
   /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.
   [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
+    return motion(tick, sample_time);
+  }
+  /// The same between ticks.
+  [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at(const TickTime& t, S sample_time) const {
+    return motion(t, sample_time);
+  }
+
+ private:
+  template <class Time>
+  [[nodiscard]] ESMC_INLINE Motion2<S> motion(const Time& time, S sample_time) const {
     Motion2<S> m;
     m.position = centre;
     switch (kind) {
       case ReferenceKind::hold_start:
         break;
       case ReferenceKind::circle: {
-        const SinCos<S> t = sin_cos(phase[0].template angle<S>(tick));
+        const SinCos<S> t = sin_cos(phase[0].template angle<S>(time));
         const S r = amplitude[0], w = speed[0];
         m.position += Vec2<S>(r * t.cos, r * t.sin);
         m.velocity = Vec2<S>(-r * w * t.sin, r * w * t.cos);
@@ -110,25 +140,46 @@ struct Reference {
       }
       case ReferenceKind::sine:
         for (int i = 0; i < 2; ++i) {
-          const SinCos<S> t = sin_cos(phase[i].template angle<S>(tick));
+          const SinCos<S> t = sin_cos(phase[i].template angle<S>(time));
           m.position[i] += amplitude[i] * t.sin;
           m.velocity[i] = amplitude[i] * speed[i] * t.cos;
           m.acceleration[i] = -amplitude[i] * speed[i] * speed[i] * t.sin;
         }
         break;
       case ReferenceKind::path:
-        if (!path.empty()) m = along_path(tick, sample_time);
+        if (!path.empty()) m = along_path(time, sample_time);
         break;
     }
     return m;
   }
 
- private:
   [[nodiscard]] Motion2<S> along_path(std::uint64_t ticks, S sample_time) const {
-    constexpr std::uint64_t end = 0xFFFF'FFFF;  // no segment starts later
-    const auto tick =
-        static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
-    std::size_t low = 0, high = path.size();  // the last segment that has begun: at most 32 halvings
+    const std::uint32_t tick = tick_of_round(ticks);
+    const PathSegment<S>& s = path[segment_of(tick)];
+    const bool begun = tick >= s.start_tick;
+    return motion_in(s, begun, begun ? S(tick - s.start_tick) * sample_time + s.offset : S(0));
+  }
+  /// The next tick tells which segment has begun by then; before its own beginning it is the one before.
+  [[nodiscard]] Motion2<S> along_path(const TickTime& time, S sample_time) const {
+    if (time.fraction == 0) return along_path(time.tick, sample_time);
+    const std::uint32_t next = tick_of_round(time.tick) + 1;
+    const S back = S((1U << TickTime::bits) - time.fraction) * (sample_time * S(0x1p-24L));
+    std::size_t i = segment_of(next);
+    const auto since = [&] {
+      return next < path[i].start_tick ? S(-1)
+                                       : S(next - path[i].start_tick) * sample_time + (path[i].offset - back);
+    };
+    if (i > 0 && since() < S(0)) --i;
+    const S t = since();
+    return motion_in(path[i], t >= S(0), t);
+  }
+  [[nodiscard]] std::uint32_t tick_of_round(std::uint64_t ticks) const {
+    constexpr std::uint64_t end = 0xFFFF'FFFE;  // no segment starts later
+    return static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
+  }
+  /// The last segment that has begun: at most 32 halvings.
+  [[nodiscard]] std::size_t segment_of(std::uint32_t tick) const {
+    std::size_t low = 0, high = path.size();
     while (high - low > 1) {
       const std::size_t middle = low + (high - low) / 2;
       if (path[middle].start_tick <= tick)
@@ -136,9 +187,9 @@ struct Reference {
       else
         high = middle;
     }
-    const PathSegment<S>& s = path[low];
-    const bool begun = tick >= s.start_tick;
-    const S t = begun ? S(tick - s.start_tick) * sample_time + s.offset : S(0);
+    return low;
+  }
+  [[nodiscard]] static Motion2<S> motion_in(const PathSegment<S>& s, bool begun, S t) {
     const Motion2<S> m = s.curve.at(t);
     return begun && !(t > s.curve.duration) ? m : Motion2<S>{m.position};  // at rest before and after
   }
@@ -171,9 +222,21 @@ class JoinedReference {
 
   /// Motion at a tick since start(): the reference, and the rest of the offset for join_ticks.
   [[nodiscard]] Motion2<S> at(std::uint64_t tick) const {
-    Motion2<S> m = reference_.at(tick, sample_time_);
+    return motion(tick, tick, [&] { return ticks(tick); });
+  }
+  /// The same between ticks.
+  [[nodiscard]] Motion2<S> at(const TickTime& t) const {
+    return motion(t, t.tick, [&] { return ticks(t.tick) + S(t.fraction) * S(0x1p-24L); });
+  }
+
+ private:
+  static S ticks(std::uint64_t tick) { return S(static_cast<std::uint32_t>(tick)); }
+  template <class Time, class Ticks>
+  [[nodiscard]] ESMC_INLINE Motion2<S> motion(const Time& time, std::uint64_t tick,
+                                              const Ticks& ticks) const {
+    Motion2<S> m = reference_.at(time, sample_time_);
     if (tick < join_ticks_) {
-      const Motion2<S> offset = join_.at(S(static_cast<std::uint32_t>(tick)) * sample_time_);
+      const Motion2<S> offset = join_.at(ticks() * sample_time_);
       m.position += offset.position;
       m.velocity += offset.velocity;
       m.acceleration += offset.acceleration;
@@ -181,7 +244,6 @@ class JoinedReference {
     return m;
   }
 
- private:
   Reference<S> reference_{};
   std::uint32_t join_ticks_ = 0;
   S sample_time_{1};

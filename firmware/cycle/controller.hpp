@@ -11,6 +11,7 @@
 #include "firmware/cycle/estimate.hpp"
 #include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/parts.hpp"
+#include "firmware/cycle/path_rate.hpp"
 #include "firmware/cycle/plausibility.hpp"
 #include "firmware/cycle/setpoint_generator.hpp"
 #include "firmware/cycle/sign_test.hpp"
@@ -37,7 +38,8 @@ class Controller {
         stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
         setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time,
-                   config.reference.space == ReferenceSpace::base_joints),
+                   config.reference.space == ReferenceSpace::base_joints, config.guide_jerk_ticks),
+        path_rate_(config.guide_acceleration, config.sample_time),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
         uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
 
@@ -53,6 +55,8 @@ class Controller {
 
   /// The generator of set points; its motion replaces the reference while it is active.
   [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
+  /// The rate at which the reference is followed.
+  [[nodiscard]] PathRate<S>& path_rate() { return path_rate_; }
   /// Memory of the optional parts, valid once under the law; to linearise the controller.
   [[nodiscard]] PartMemory<M>& memory() { return memory_; }
   /// True if the mechanism has a pose at this finite position: effector (m) or base joints (rad), as in the
@@ -219,15 +223,19 @@ class Controller {
     Desired<M> d;
     if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
     const Vec2<S> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
-    typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
-    config_.mechanism.add_rotors(a);
-    const typename M::Channels force = config_.mechanism.force(a, d.rates);
     for (int i = 0; i < 2; ++i) {
       if (!within(rate[i], config_.limits.joint_speed)) return false;
       if (config_.limits.join_acceleration != S(0) &&
           !within(acceleration[i], config_.limits.join_acceleration))
         return false;
     }
+    return motors_can(d);
+  }
+  /// The motion needs no more torque than the limits allow, by the model.
+  [[nodiscard, gnu::noinline, gnu::cold]] bool motors_can(const Desired<M>& d) const {
+    typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
+    config_.mechanism.add_rotors(a);
+    const typename M::Channels force = config_.mechanism.force(a, d.rates);
     if (config_.allocate != nullptr) {
       Vec<S, M::joints> torque;
       return !config_.allocate(config_, d.pose, force, torque);
@@ -283,11 +291,19 @@ class Controller {
     if (running_tick_ == 0) {
       const Vec2<S> position = at_effector ? t.pose.effector : M::base_angles(t.pose);
       const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
-      reference_.start(position, velocity);
-      setpoints_.start(position, velocity);
+      reference_.start(position, velocity * (S(1) / path_rate_.begin()));
+      if (setpoints_.active()) setpoints_.start(position, velocity);
     }
-    return desired(setpoints_.active() ? setpoints_.at() : reference_.at(running_tick_ + lead_ticks_),
+    return desired(setpoints_.active()   ? setpoints_.at()
+                   : path_rate_.active() ? at_path_rate()
+                                         : reference_.at(running_tick_ + lead_ticks_),
                    t.desired_pose, t.desired_rates, t.desired_acceleration);
+  }
+  [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at_path_rate() {
+    return path_rate_.step(reference_, running_tick_, lead_ticks_, [&](const Motion2<S>& m) {
+      Desired<M> d;
+      return desired(m, d.pose, d.rates, d.acceleration) && motors_can(d);
+    });
   }
   /// Not inlined: long, and called in four places.
   [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose,
@@ -380,6 +396,7 @@ class Controller {
   StopTrajectory<S> stop_trajectory_{};
   SignTest<M> sign_test_{};
   SetpointGenerator<S> setpoints_{};
+  PathRate<S> path_rate_{};
   SampleJumpCheck<M> jump_check_{};
   PartMemory<M> memory_{};
   std::uint32_t lead_ticks_ = 0;    // of the reference before the measured state, with a predictor

@@ -42,6 +42,7 @@ struct ControllerConfig {
   std::uint32_t enabling_ticks_max = Supervisor::Config{}.enabling_ticks_max;  ///< see Supervisor::Config
   std::uint32_t stopping_ticks_max = Supervisor::Config{}.stopping_ticks_max;
   S guide_speed{1}, guide_acceleration{1};  ///< > 0, of set points, each coordinate of the reference's space
+  std::uint32_t guide_jerk_ticks = 0;       ///< length of MovingAverage for set points
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
   /// N m, |preload| <= torque_limit; four motors only: see allocate_within.

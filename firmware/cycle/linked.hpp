@@ -16,6 +16,7 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   SetpointGenerator<S>& setpoints = controller.setpoints();
   setpoints.activate(r.source != link::Source::reference);
   if (r.has_gains) controller.set_gains(link.parameters(), delay_ticks);
+  if (r.has_rate) controller.path_rate().want(r.percent);
   if (r.hold) setpoints.hold();
   if (r.has_sample) setpoints.follow(vec(r.position), vec(r.velocity));
   if (r.has_point) {

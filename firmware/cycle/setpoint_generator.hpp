@@ -1,38 +1,90 @@
 #pragma once
 /// The motion that a supervisor computer requests instead of the reference: rest, set points, a stream of
-/// samples. Limits per coordinate: |velocity| <= speed, |acceleration| <= acceleration.
+/// samples. Limits per coordinate: |velocity| <= speed, |acceleration| <= acceleration, and the acceleration
+/// changes by at most 2 acceleration / jerk_ticks per tick.
 
+#include <array>
 #include <cstdint>
 
 #include "firmware/control/reference.hpp"
+#include "firmware/cycle/motion_profile.hpp"
 
 namespace esmc {
 
-/// Duration T (s) of a quintic that takes an offset and its rate to zero, starting without acceleration,
-/// within both limits if |rate| <= speed. With r = |offset| / T the velocity towards zero is (1 - u)^2 (rate
-/// (1 + 2 u) + u^2 (30 r - 15 rate)): at most `speed` if 30 r <= 16 speed for a rate towards zero, if 30 r +
-/// 15 |rate| <= 16 speed for a rate away from it. The acceleration is at most (10/sqrt(3) r + 3.941 |rate|) /
-/// T, the sum of the extrema of both polynomials.
+/// Mean of the last motions, one per tick: what limits each of them limits the mean, and it is a motion (its
+/// velocity is the derivative of its position). Sums begin anew with every round of the memory, so that a
+/// float does not drift.
 template <class S>
-[[nodiscard]] S fading_time(S offset, S rate, S speed, S acceleration) {
-  const bool away = (offset > S(0)) == (rate > S(0));
-  const S distance = offset < S(0) ? -offset : offset, w = rate < S(0) ? -rate : rate;
-  const S room = S(16) * speed - (away ? S(15) * w : S(0));
-  const S by_speed = S(30) * distance / (room > speed ? room : speed);
-  const S b = S(3.941L) * w, c = S(4) * acceleration * S(5.7735027L) * distance;
-  const S by_acceleration = (b + square_root(b * b + c)) / (S(2) * acceleration);
-  return by_speed > by_acceleration ? by_speed : by_acceleration;
-}
+class MovingAverage {
+ public:
+  static constexpr unsigned length_max = 64;  ///< ticks
 
-/// Generates a motion to rest, to set points, or along a stream.
+  MovingAverage() = default;
+  /// Over `length` motions; below 2: none, above length_max: that.
+  explicit MovingAverage(std::uint32_t length)
+      : length_(length < 1 ? 1U : (length > length_max ? length_max : length)) {}
+
+  [[nodiscard]] std::uint32_t length() const { return length_; }
+  /// Makes the past a motion at constant velocity, and returns where it is so that the mean is `mean` now.
+  Vec2<S> begin(const Vec2<S>& mean, const Vec2<S>& velocity, S sample_time) {
+    const Vec2<S> step = velocity * sample_time;
+    const Vec2<S> now = mean + step * (S(length_ - 1) * S(0.5));
+    sum_ = {};
+    for (next_ = 0; next_ < length_; ++next_) {
+      sum_.position += now - step * S(length_ - next_);
+      sum_.velocity += velocity;
+      sums_[next_] = sum_;
+    }
+    end_round();
+    return now;
+  }
+  /// The mean with `now` as the last motion.
+  [[nodiscard]] Motion2<S> with(const Motion2<S>& now) const {
+    if (length_ == 1) return now;
+    const Motion2<S>& gone = sums_[next_];
+    const S share = S(1) / S(length_);
+    return {(round_.position - gone.position + sum_.position + now.position) * share,
+            (round_.velocity - gone.velocity + sum_.velocity + now.velocity) * share,
+            (round_.acceleration - gone.acceleration + sum_.acceleration + now.acceleration) * share};
+  }
+  /// Makes `now` part of the past.
+  void add(const Motion2<S>& now) {
+    if (length_ == 1) return;
+    sum_.position += now.position;
+    sum_.velocity += now.velocity;
+    sum_.acceleration += now.acceleration;
+    sums_[next_] = sum_;
+    if (++next_ == length_) end_round();
+  }
+
+ private:
+  void end_round() {
+    round_ = sum_;
+    sum_ = {};
+    next_ = 0;
+  }
+
+  std::uint32_t length_ = 1, next_ = 0;
+  Motion2<S> sum_{}, round_{};  // of the present round so far, of the last one
+  std::array<Motion2<S>, length_max>
+      sums_{};  // from the beginning of a round; this round's, then the last one's
+};
+
+/// Generates a motion to rest, to set points, or along a stream: in relation to its base, a profile and then
+/// the moving average.
 template <class S>
 class SetpointGenerator {
  public:
   SetpointGenerator() = default;
   /// Limits `speed` (m/s or rad/s) and `acceleration` (m/s2 or rad/s2), > 0; `sample_time` in s, > 0.
-  /// `angles`: differences are wrapped to (-pi, pi].
-  SetpointGenerator(S speed, S acceleration, S sample_time, bool angles)
-      : speed_(speed), acceleration_(acceleration), sample_time_(sample_time), angles_(angles) {}
+  /// `angles`: differences are wrapped to (-pi, pi]. `jerk_ticks`: length of the moving average.
+  SetpointGenerator(S speed, S acceleration, S sample_time, bool angles, std::uint32_t jerk_ticks)
+      : speed_(speed),
+        acceleration_(acceleration),
+        sample_time_(sample_time),
+        angles_(angles),
+        profile_(sample_time),
+        average_(jerk_ticks) {}
 
   /// True if the caller is to follow this motion instead of the reference.
   [[nodiscard]] bool active() const { return active_; }
@@ -40,27 +92,30 @@ class SetpointGenerator {
 
   /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
   void start(const Vec2<S>& position, const Vec2<S>& velocity) {
+    base_ = {};
     following_ = false;
-    brake({position, velocity, Vec2<S>::Zero()});
+    begin(position, velocity);
   }
-  /// Plans the way from the present motion to rest, half of velocity * braking time ahead; ends a stream.
-  void hold() { brake(at()); }
+  /// Plans the way from the present motion to rest, straight on; ends a stream.
+  void hold() {
+    leave_stream();
+    const Motion2<S> now = profile_.at(ticks_);
+    profile_.brake(now.position, now.velocity, acceleration_);
+    ticks_ = 0;
+  }
   /// Plans the way from the present motion to rest at `target`, m or rad. The caller checks that the target
   /// is in reach; nothing checks the way to it here.
   void go_to(const Vec2<S>& target) {
-    const Motion2<S> now = at();
-    const Vec2<S> offset = apart(now.position, target);
-    const S time = longest(offset, now.velocity);
-    following_ = false;
-    plan(offset, now.velocity, time);
-    base_ = {now.position - offset, Vec2<S>::Zero(), Vec2<S>::Zero()};
+    leave_stream();
+    const Motion2<S> now = profile_.at(ticks_);
+    plan(now, now.position - apart(now.position, target));
   }
   /// Follows samples (m, m/s or rad, rad/s), one per tick; the first one's offset from the motion fades away.
   void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();
-      const Vec2<S> offset = apart(now.position, position), rate = now.velocity - velocity;
-      plan(offset, rate, longest(offset, rate));
+      begin(apart(now.position, position), now.velocity - velocity);
+      plan(profile_.at(0), Vec2<S>::Zero());
       base_ = {position, velocity, Vec2<S>::Zero()};
     } else {
       // The acceleration is known only from samples of consecutive ticks.
@@ -73,61 +128,59 @@ class SetpointGenerator {
 
   /// Motion of the present tick, m or rad, and per s, s2.
   [[nodiscard]] Motion2<S> at() const {
-    Motion2<S> m = base_;
+    Motion2<S> m = profile_.at(ticks_);
+    if (!rests()) m = average_.with(m);
+    m.position += base_.position;
+    m.velocity += base_.velocity;
     if (following_ && age_ > 0) {  // a sample is missing: constant velocity
-      m.position += m.velocity * (S(age_) * sample_time_);
-      m.acceleration.setZero();
-    }
-    const S t = S(ticks_) * sample_time_;
-    if (t < fading_.duration) {
-      const Motion2<S> offset = fading_.at(t);
-      m.position += offset.position;
-      m.velocity += offset.velocity;
-      m.acceleration += offset.acceleration;
+      m.position += base_.velocity * (S(age_) * sample_time_);
+    } else {
+      m.acceleration += base_.acceleration;
     }
     return m;
   }
-  /// Moves on to the next tick.
+  /// Moves on to the next tick; without effect unless active().
   void advance() {
-    if (ticks_ < ticks_max) ++ticks_;
+    if (!active_) return;
+    average_.add(profile_.at(ticks_));
+    if (!rests()) ++ticks_;
     if (age_ < ticks_max) ++age_;
   }
 
  private:
   static constexpr std::uint32_t ticks_max = 0xFFFF'FFFF;
 
+  /// The whole average is at rest at the end of the profile.
+  [[nodiscard]] bool rests() const { return ticks_ >= profile_.ticks() + average_.length(); }
   [[nodiscard]] Vec2<S> apart(const Vec2<S>& a, const Vec2<S>& b) const {
     const Vec2<S> d = a - b;
     return angles_ ? Vec2<S>(wrap_to_pi(d[0]), wrap_to_pi(d[1])) : d;
   }
-  [[nodiscard]] S longest(const Vec2<S>& offset, const Vec2<S>& rate) const {
-    const S a = fading_time(offset[0], rate[0], speed_, acceleration_);
-    const S b = fading_time(offset[1], rate[1], speed_, acceleration_);
-    return a > b ? a : b;
-  }
-  /// Stops half of velocity * time ahead, by a smooth step: |acceleration| <= 15/8 |velocity| / time.
-  void brake(const Motion2<S>& now) {
-    const auto size = [](S v) { return v < S(0) ? -v : v; };
-    const S a = size(now.velocity[0]), b = size(now.velocity[1]);
-    const S time = (a > b ? a : b) * S(1.875L) / acceleration_;
-    const Vec2<S> way = now.velocity * (time * S(0.5));
-    following_ = false;
-    plan(-way, now.velocity, time);
-    base_ = {now.position + way, Vec2<S>::Zero(), Vec2<S>::Zero()};
-  }
-  void plan(const Vec2<S>& offset, const Vec2<S>& rate, S time) {
+  /// Begins a motion at this position and velocity; the profile is set for the present tick alone.
+  void begin(const Vec2<S>& position, const Vec2<S>& velocity) {
+    profile_.brake(average_.begin(position, velocity, sample_time_), velocity, acceleration_);
     ticks_ = 0;
-    const S duration = time > sample_time_ ? time : sample_time_;
-    fading_ = Quintic<S>::between({offset, rate, Vec2<S>::Zero()}, {}, duration);
+  }
+  void leave_stream() {
+    if (!following_) return;
+    const Motion2<S> now = at();
+    base_ = {};
+    following_ = false;
+    begin(now.position, now.velocity);
+  }
+  void plan(const Motion2<S>& now, const Vec2<S>& target) {
+    profile_.plan(now.position, now.velocity, target, speed_, acceleration_);
+    ticks_ = 0;
   }
 
   S speed_{1}, acceleration_{1}, sample_time_{1};
   bool angles_ = false;
   bool active_ = false;
   bool following_ = false;
-  Motion2<S> base_{};        // final motion: rest, or the sample
-  Quintic<S> fading_{};      // offset from it
-  std::uint32_t ticks_ = 0;  // since the beginning of fading_
+  Motion2<S> base_{};  // the sample of a stream; else zero
+  MotionProfile<S> profile_{};
+  MovingAverage<S> average_{};
+  std::uint32_t ticks_ = 0;  // since the beginning of profile_
   std::uint32_t age_ = 0;    // of the sample
 };
 

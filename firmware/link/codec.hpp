@@ -62,13 +62,16 @@ enum class Order : std::uint8_t {
   off = 3,           ///< Command::stop: no torque from the next tick on
   reset = 4,         ///< Command::reset: the operator has seen the fault
   confirm_zero = 5,  ///< Command::confirm_zero
-  hold = 6,          ///< the present position: from the next start on, or at once while guided
+  hold = 6,          ///< the present position: from the next start on; while running to rest, on the path
   reference = 7,     ///< the reference of the configuration: from the next start on
   stream = 8,        ///< set points and samples: from the next start on
   store = 9,         ///< keep the present gains for later power-ups
   forget = 10,       ///< return to the baked gains, now and for later power-ups
+  override = 19,     ///< the reference at CommandFrame::percent of its speed, along its path
+  resume = 20,       ///< after hold: the reference at the last percentage
 };
-inline constexpr std::uint8_t order_count = 11;
+/// True if the value has a meaning.
+[[nodiscard]] constexpr bool is_order(std::uint8_t v) { return v <= 10 || v == 19 || v == 20; }
 
 /// Source of the reference.
 enum class Source : std::uint8_t { hold = 0, reference = 1, stream = 2 };
@@ -133,13 +136,15 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 /// An order, and the sign of life.
 struct CommandFrame {
   Order order = Order::none;
+  std::uint8_t percent = 0;      ///< for override, 0 to 100; else 0: the receiver checks both
   std::uint16_t tick = 0;        ///< of the last Status heard, its low 16 bits
   std::uint16_t parameters = 0;  ///< low half of the CRC-32 of the table that the operator knows
 };
 /// Decodes an order; empty: unknown, or a reserved bit is set. The caller checks identifier, size, intact().
 [[nodiscard]] constexpr std::optional<CommandFrame> decode_command(const hal::CanFrame& f) {
-  if ((f.data[1] >> 4U) != 0 || f.data[2] >= order_count || f.data[3] != 0) return std::nullopt;
-  return CommandFrame{static_cast<Order>(f.data[2]), static_cast<std::uint16_t>(get_field(f, 4, 2)),
+  if ((f.data[1] >> 4U) != 0 || !is_order(f.data[2])) return std::nullopt;
+  return CommandFrame{static_cast<Order>(f.data[2]), f.data[3],
+                      static_cast<std::uint16_t>(get_field(f, 4, 2)),
                       static_cast<std::uint16_t>(get_field(f, 6, 2))};
 }
 
@@ -183,6 +188,9 @@ struct RequestFrame {
 /// Reaction to the latched fault.
 enum class Reacted : std::uint8_t { none = 0, zero_torque = 1, halt = 2 };
 
+/// Wanted speed of the reference along its path.
+enum class Pace : std::uint8_t { full = 0, reduced = 1, held = 2 };
+
 /// Cyclic state of the controller.
 struct Status {
   State state = State::disabled;
@@ -192,6 +200,7 @@ struct Status {
   bool streaming = false;
   std::uint32_t tick = 0;  ///< 24 bits are sent
   std::uint8_t session = 1;
+  Pace pace = Pace::full;
 };
 /// Status with its checksum; the low four bits of `counter` are sent.
 [[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s,
@@ -199,8 +208,9 @@ struct Status {
   hal::CanFrame f = detail::frame(base, Message::status);
   f.data[1] = static_cast<std::uint8_t>((counter & 0x0FU) | (static_cast<unsigned>(s.state) << 4U));
   f.data[2] = static_cast<std::uint8_t>(s.fault);
-  f.data[3] = static_cast<std::uint8_t>(static_cast<unsigned>(s.reaction) |
-                                        (static_cast<unsigned>(s.source) << 2U) | (s.streaming ? 0x10U : 0U));
+  f.data[3] =
+      static_cast<std::uint8_t>(static_cast<unsigned>(s.reaction) | (static_cast<unsigned>(s.source) << 2U) |
+                                (s.streaming ? 0x10U : 0U) | (static_cast<unsigned>(s.pace) << 6U));
   put_field(f, 4, s.tick, 3);
   f.data[7] = s.session;
   f.data[0] = checksum(f, s.session);

@@ -162,11 +162,12 @@ class CommandLink {
   /// From a sender without the session: only orders that take torque away.
   Outcome without_session(const hal::CanFrame& f) {
     const auto c = decode_command(f);
-    if (!c || !takes_away(c->order)) return Outcome::refused;
+    if (!c || !takes_away(c->order) || c->percent != 0) return Outcome::refused;
     return order(*c);
   }
 
   Outcome order(const CommandFrame& c) {
+    if (c.percent > (c.order == Order::override ? 100 : 0)) return Outcome::malformed;
     if (c.order == Order::none) return Outcome::obeyed;
     if (takes_away(c.order)) {
       // A disarm does not replace an off of the same tick.
@@ -197,6 +198,10 @@ class CommandLink {
         return Outcome::obeyed;
       case Order::hold:
         return hold();
+      case Order::override:
+        return pace(c.percent);
+      case Order::resume:
+        return held_ ? pace(percent_) : Outcome::refused;
       default:
         if (!disabled) return Outcome::refused;
         source_ = c.order == Order::stream ? Source::stream : Source::reference;
@@ -229,10 +234,21 @@ class CommandLink {
       source_ = Source::hold;
       return Outcome::obeyed;
     }
-    if (!guided()) return Outcome::refused;
+    if (!guided()) return pace(0);
     streaming_ = half_ = false;
     request_.has_point = request_.has_sample = false;
     request_.hold = true;
+    return Outcome::obeyed;
+  }
+  /// The reference along its path: a percentage of its speed, also for the next start; 0: hold, only while
+  /// it leads.
+  Outcome pace(std::uint8_t percent) {
+    const bool leads = state_ == State::running && source_ == Source::reference;
+    if (!config_.has_path || !(leads || (state_ == State::disabled && percent > 0))) return Outcome::refused;
+    held_ = percent == 0;
+    if (!held_) percent_ = percent;
+    request_.has_rate = true;
+    request_.percent = percent;
     return Outcome::obeyed;
   }
   /// Set points and samples are accepted.
@@ -291,7 +307,7 @@ class CommandLink {
   }
   /// Reachable from the previous sample with speed and acceleration, allowing one tick of delay.
   [[nodiscard]] bool continuous(const std::array<float, 2>& v) const {
-    if (!streaming_) return true;  // a quintic joins the first sample
+    if (!streaming_) return true;  // the first one is joined
     const float time = static_cast<float>(tick_ - sample_tick_ + 1) * parameters_[Index::sample_time];
     return below(difference(half_position_, last_position_),
                  parameters_[Index::speed] * time + position_unit) &&
@@ -350,7 +366,11 @@ class CommandLink {
   /// A new session begins when the controller becomes disabled, so that recorded frames are refused later.
   void change_state(State now) {
     if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
-    if (now != State::running) streaming_ = half_ = false;
+    if (now != State::running) {
+      streaming_ = half_ = false;
+      if (held_) request_.has_rate = true, request_.percent = percent_;
+      held_ = false;
+    }
     if (state_ == State::disabled) heard_tick_ = tick_;
     state_ = now;
   }
@@ -358,7 +378,9 @@ class CommandLink {
     const Reacted reacted = s.fault() == Fault::none    ? Reacted::none
                             : s.state() == State::fault ? Reacted::zero_torque
                                                         : Reacted::halt;
-    return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_), session_};
+    const Pace pace = held_ ? Pace::held : percent_ < 100 ? Pace::reduced : Pace::full;
+    return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_),
+            session_,  pace};
   }
   // Each offers the bus a frame if one is due, and returns whether it was.
   template <class Send, class Frame>
@@ -433,8 +455,10 @@ class CommandLink {
   Source source_ = Source::reference;
   State state_ = State::disabled, sent_state_ = State::disabled;
   Fault sent_fault_ = Fault::none;
-  bool streaming_ = false;  // the last motion request was a sample
-  bool half_ = false;       // a position waits for its velocity
+  bool streaming_ = false;      // the last motion request was a sample
+  bool half_ = false;           // a position waits for its velocity
+  bool held_ = false;           // the reference, on its path
+  std::uint8_t percent_ = 100;  // of its speed, when it is not held
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
   static constexpr unsigned kinds = 6;  // of offer()

@@ -24,6 +24,7 @@ struct LinkConfig {
   std::array<Bounds, 2> position{};         ///< of set points and samples, m or rad
   std::uint32_t scene = 0;                  ///< CRC-32 of the values of the scene; 0: not known
   Parameters parameters{};
+  bool has_path = true;  ///< the reference of the configuration moves: it can be slowed down
 };
 
 /// Result of a received frame.
@@ -45,8 +46,10 @@ struct Request {
   bool has_point = false;
   bool has_sample = false;
   bool has_gains = false;
+  bool has_rate = false;
   std::array<float, 2> position{};  ///< of the set point or the sample
   std::array<float, 2> velocity{};  ///< of the sample
+  std::uint8_t percent = 100;       ///< of the speed of the reference; 0: hold on its path
 };
 
 /// Request to the store of parameters.

@@ -19,7 +19,7 @@ enum class Index : std::uint8_t {
   torque_limit_1 = 5,   ///< N m, first base joint
   torque_limit_2 = 6,   ///< N m, second base joint
   joint_speed = 7,      ///< rad/s, limit of the base joints
-  speed = 8,            ///< m/s or rad/s, of a set point's quintic
+  speed = 8,            ///< m/s or rad/s, of set points
   acceleration = 9,     ///< m/s2 or rad/s2
   stream_age = 10,      ///< ticks without a sample after which a stream is lost
   silence = 11,         ///< ticks without any frame after which the supervisor computer is lost; 0: any

@@ -122,6 +122,9 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   }
   if (scene.command) {
     c.link = make_link(scene, pacing, c.controller.reference.space);
+    const auto& r = c.controller.reference;
+    c.link.has_path =
+        r.kind != ReferenceKind::hold_start && (r.kind != ReferenceKind::path || !r.path.empty());
     c.delay_ticks = static_cast<S>(borne_delay(scene, pacing));
   }
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) c.axes[axis_of(scene, i)] = make_axis(i);

@@ -129,10 +129,10 @@ inline std::string text(const link::Parameters& v) {
 }
 inline std::string text(const link::LinkConfig& v) {
   const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene,
-               parameters] = v;
+               parameters, has_path] = v;
   (void)session;  // drawn by the image
   return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
-                position, scene, parameters);
+                position, scene, parameters, has_path);
 }
 inline std::string text(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry, unit] = v;
@@ -178,8 +178,8 @@ template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
                torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
-               guide_acceleration, motors, sensors, preload, allocate, variance, fuse, delay, lag, bandwidth,
-               reach, behind, observer, predict] = v;
+               guide_acceleration, guide_jerk, motors, sensors, preload, allocate, variance, fuse, delay, lag,
+               bandwidth, reach, behind, observer, predict] = v;
   const auto reaching_part = [](ReachingPart<M> p) {
     return Code{part_text({{p == &part::super_twisting<M>, "super_twisting"},
                            {p == &part::implicit_coupled<M>, "implicit_coupled"},
@@ -189,7 +189,7 @@ std::string text(const ControllerConfig<M>& v) {
   const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
   add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
       torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
-      enabling, stopping, guide_speed, guide_acceleration, motors, sensors, preload,
+      enabling, stopping, guide_speed, guide_acceleration, guide_jerk, motors, sensors, preload,
       Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
       Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth, reaching_part(reach),
       reaching_part(behind), Code{part_text({{observer != nullptr, "momentum_observer"}})},

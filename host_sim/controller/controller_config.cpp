@@ -101,6 +101,8 @@ void set_procedures(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
   if (scene.command) {
     c.guide_speed = static_cast<S>(scene.command->speed);
     c.guide_acceleration = static_cast<S>(scene.command->acceleration);
+    static_assert(CommandScene::jerk_ticks_max == MovingAverage<S>::length_max);
+    c.guide_jerk_ticks = ticks(scene.command->jerk_time);
   }
   c.lower_ticks = ticks(scene.limits.lower_time);
   c.after_halt = scene.limits.after_halt;

@@ -60,6 +60,8 @@ class Console {
   void jog(const Words& words);
   void run_reference(const Words& words);
   void hold(const Words& words);
+  void resume(const Words& words);
+  void override_speed(const Words& words);
   void set(const Words& words);
   void store(const Words& words);
   void record(const Words& words);

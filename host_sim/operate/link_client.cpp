@@ -20,9 +20,10 @@ bool in_block(const hal::CanFrame& f, std::uint32_t base) {
 std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t base) {
   if (!in_block(f, base) || f.id != base + static_cast<std::uint32_t>(Message::status)) return std::nullopt;
   const std::uint8_t session = f.data[7];
-  const unsigned state = f.data[1] >> 4U, reaction = f.data[3] & 3U, source = (f.data[3] >> 2U) & 3U;
+  const unsigned state = f.data[1] >> 4U, reaction = f.data[3] & 3U, source = (f.data[3] >> 2U) & 3U,
+                 pace = f.data[3] >> 6U;
   if (session == link::any_session || !link::intact(f, session) || state >= state_count || reaction > 2 ||
-      source > 2)
+      source > 2 || pace > 2)
     return std::nullopt;
   return link::Status{
       static_cast<State>(state),
@@ -31,7 +32,8 @@ std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t 
       static_cast<link::Source>(source),
       (f.data[3] & 0x10U) != 0,
       hal::get_field(f, 4, 3),
-      session};
+      session,
+      static_cast<link::Pace>(pace)};
 }
 
 bool LinkClient::hear(const hal::CanFrame& f) {
@@ -136,9 +138,10 @@ hal::CanFrame LinkClient::sealed(hal::CanFrame f) const {
   return f;
 }
 
-hal::CanFrame LinkClient::order(link::Order o) {
+hal::CanFrame LinkClient::order(link::Order o, std::uint8_t percent) {
   hal::CanFrame f = frame(Message::command);
   f.data[2] = static_cast<std::uint8_t>(o);
+  f.data[3] = percent;
   hal::put_field(f, 4, news_.status ? news_.status->tick & 0xFFFFU : 0U, 2);
   hal::put_field(f, 6, news_.table.value_or(0) & 0xFFFFU, 2);
   return sealed(f);

@@ -62,7 +62,8 @@ class LinkClient {
   // Frames to the controller, each with the next alive counter and the checksum of the session.
 
   /// An order that answers the last Status, with the checksum of the parameter table if it is known.
-  hal::CanFrame order(link::Order o);
+  /// `percent`: of override.
+  hal::CanFrame order(link::Order o, std::uint8_t percent = 0);
   /// Positions in m or rad. Empty: not finite, or beyond the 24 bits of the wire.
   std::optional<hal::CanFrame> set_point(link::Space space, const std::array<double, 2>& position);
   /// A sample: its two frames, with one counter. Empty as set_point(); velocities in m/s or rad/s.

@@ -16,9 +16,10 @@ constexpr double arming_seconds = 60.0;
 constexpr double rest_seconds = 60.0;
 constexpr double arrived = 3e-6;  // m; positions on the wire are integers of 1 um, telemetry is 32-bit
 
-/// Least time, s, of a rest-to-rest quintic within speed and acceleration.
+/// Least time, s, from rest to rest within speed and acceleration.
 double least_time(double distance, double speed, double acceleration) {
-  return std::max(1.875 * distance / speed, std::sqrt(10.0 / std::sqrt(3.0) * distance / acceleration));
+  return distance * acceleration > speed * speed ? distance / speed + speed / acceleration
+                                                 : 2.0 * std::sqrt(distance / acceleration);
 }
 
 /// After Ctrl-C nothing begins to move.
@@ -127,8 +128,25 @@ void Console::off(const Words&) {
 
 void Console::hold(const Words&) {
   require_running();
-  if (!link_.obeyed(link::Order::hold)) refuse("not_now", "hold is for motion under set points");
+  if (!link_.obeyed(link::Order::hold)) refuse("not_now", "there is no motion to hold");
   say("holds");
+}
+
+void Console::resume(const Words&) {
+  require_running();
+  if (!link_.obeyed(link::Order::resume)) refuse("not_now", "the reference is not held");
+  say("resumes");
+}
+
+void Console::override_speed(const Words& words) {
+  const double percent = number_of(words[1], "override: PERCENT");
+  if (!(percent >= 0.0 && percent <= 100.0) || percent != std::floor(percent))
+    refuse_at("", "override: PERCENT must be a whole number from 0 to 100, not {}", printable(words[1]));
+  require_no_fault();
+  if (!link_.obeyed(
+          [&] { return link_.client().order(link::Order::override, static_cast<std::uint8_t>(percent)); }))
+    refuse("not_now", "override is for a reference that moves: while it leads or, above 0, while disabled");
+  say(fmt::format("the reference at {} %", percent));
 }
 
 link::Space Console::space() const {

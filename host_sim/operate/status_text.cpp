@@ -11,6 +11,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::array reaction_names{"none", "zero_torque", "halt"};
 constexpr std::array source_names{"hold", "reference", "stream"};
+constexpr std::array pace_names{"full", "reduced", "held"};
 
 template <class T>
 Json or_null(const std::optional<T>& v) {
@@ -35,6 +36,7 @@ nlohmann::ordered_json status_json(const Connection& c) {
          {"reaction", reaction_names[static_cast<std::size_t>(s.reaction)]},
          {"source", source_names[static_cast<std::size_t>(s.source)]},
          {"streaming", s.streaming},
+         {"pace", pace_names[static_cast<std::size_t>(s.pace)]},
          {"tick", s.tick},
          {"session", s.session},
          {"scene", fmt::format("{:08x}", n.scene.value_or(0))},
@@ -66,6 +68,8 @@ std::string status_text(const Connection& c) {
   std::string out =
       fmt::format("{}, fault {}, source {}, tick {}, scene {:08x}", name(s.state), name(s.fault),
                   source_names[static_cast<std::size_t>(s.source)], s.tick, n.scene.value_or(0));
+  if (s.pace != link::Pace::full)
+    out += fmt::format("\nreference {}", pace_names[static_cast<std::size_t>(s.pace)]);
   if (n.effector) out += fmt::format("\neffector {:.6f} {:.6f} m", (*n.effector)[0], (*n.effector)[1]);
   for (std::size_t i = 0; i < n.joint.size(); ++i) {
     if (n.joint[i])

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -76,6 +78,10 @@ void read_command(Section s, Scene& scene) {
   }
   c.arm_by_link = s.text("arm") == "link";
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
+  const double most = CommandScene::jerk_ticks_max * scene.tick();
+  c.jerk_time = s.optional_number("jerk_time").value_or(std::min(0.02, most));
+  if (c.jerk_time > most * (1.0 + 1e-9))
+    s.fail("jerk_time", fmt::format("must be at most {} ticks, {:g} s", CommandScene::jerk_ticks_max, most));
   c.lambda = gain_range(s, "lambda", scene.lambda);
   c.gain = gain_range(s, "gain", scene.gain);
   for (const char* key : {"lambda", "gain"}) {

@@ -132,6 +132,8 @@ struct CommandScene {
   bool arm_by_link = false;
   double speed = 0.0, acceleration = 0.0;  // m/s or rad/s, of each coordinate
   int stream_age_ticks = 0, counter_jump = 0, status_ticks = 0, telemetry_ticks = 0;
+  static constexpr int jerk_ticks_max = 64;
+  double jerk_time = 0.0;                  // s: of the moving average
   double timeout = 0.0;                    // s; 0: not watched
   double order_age = 0.0;                  // s
   std::array<double, 2> lambda{}, gain{};  // lower, upper; equal: cannot be written

@@ -35,6 +35,7 @@ import sample  # noqa: E402
 LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")  # in the order of count.cpp
 OPTIONS = ("super_twisting", "implicit_coupled", "elbow_rotors", "momentum_observer", "predictor", "closure_projection", "four_motors")
 LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projection")  # that fit together
+SET_POINTS = {"new_set_point": 3000, "set_point_tick": 600}  # instructions at most, of a Cortex-M4F
 # What a tick under ESMC runs, mangled. Every function of such a name must lie in the fast memory; the first three may be inlined.
 HOT = ("9TimedLoopI.*4turn", "5CycleI.*8transmitI", "3hal5FdcanI.*4pump", "5CycleI.*6decideE", "10ControllerI.*4tickE", "10ControllerI.*7observeE",
        "10ControllerI.*7desiredE", "10ControllerI.*9apply_lawE", "10ControllerI.*5limitE", "9ReferenceI.*2atE", "20clamped_accelerationILNS_7LawKindE0E",
@@ -273,7 +274,7 @@ def selected(elf, count):
 
 
 def count(elf, machine, docs, costs, update, at_most):
-    laws, options = {}, {}
+    laws, options, set_points = {}, {}, {}
     wanted, more = selected(elf, at_most)
     board = qemu(elf, machine, "stdio", *more)
     for line in board.stdout:
@@ -289,7 +290,7 @@ def count(elf, machine, docs, costs, update, at_most):
             print(f"{name}: {refused} states in which no tick was counted, {states} counted")
             board.kill()
             return 1
-        (options if name in (*OPTIONS, "largest") else laws)[name] = (least, mean, most)
+        (options if name in (*OPTIONS, "largest") else set_points if name in SET_POINTS else laws)[name] = (least, mean, most)
     board.kill()
     if len(laws) != wanted:
         print(f"{len(laws)} laws counted, not {wanted}")
@@ -298,6 +299,11 @@ def count(elf, machine, docs, costs, update, at_most):
     rows = "".join(f"| `{law}` | {least} | {mean} | {most} |\n" for law, (least, mean, most) in laws.items())
     rounding = 2  # a timer that counts 1.6 per instruction may be off by one, the difference of two counts by two
     failed = check(docs, f"count {machine}", "| law | least | mean | most |\n|---|---|---|---|\n" + rows, update, rounding)
+    rows = "".join(f"| {name.replace('_', ' ')} | {least} | {mean} | {most} |\n" for name, (least, mean, most) in set_points.items())
+    failed |= page_table.check(docs, f"setpoints {machine}", "| | least | mean | most |\n|---|---|---|---|\n" + rows, update, rounding)
+    if machine == "mps2-an386" and any(set_points[name][2] > limit for name, limit in SET_POINTS.items()):
+        print(f"set points cost more than {SET_POINTS}")
+        failed = 1
     flash = flash_of_options(Path(elf).parent)
     more = {name: most - laws["esmc"][2] for name, (_, _, most) in options.items()}
     rows = "".join(f"| `{o}` | {more[o]} | {flash[o]} |\n" for o in OPTIONS)

@@ -156,6 +156,12 @@ bool measure(const Node::Config& config, const State<M>& s, ArrayBus& bus, const
   return true;
 }
 
+void print(Text& out, const char* name, std::uint32_t refused, const Counts& counts) {
+  out << name << " states " << counts.states << " refused " << refused << " least " << counts.least
+      << " mean " << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U))
+      << " most " << counts.most << "\n";
+}
+
 /// Counts a tick in each of `states` states and prints a line.
 void report(Text& out, const char* name, Node::Config& config, std::uint32_t states, ArrayBus& bus,
             const Timer& timer) {
@@ -169,9 +175,7 @@ void report(Text& out, const char* name, Node::Config& config, std::uint32_t sta
     config.controller.mode = s->mode;
     if (!measure(config, *s, bus, timer, counts)) ++refused;
   }
-  out << name << " states " << counts.states << " refused " << refused << " least " << counts.least
-      << " mean " << static_cast<std::uint32_t>(counts.sum / (counts.states > 0 ? counts.states : 1U))
-      << " most " << counts.most << "\n";
+  print(out, name, refused, counts);
 }
 
 /// Four axes instead of the two motors.
@@ -232,6 +236,33 @@ constexpr Option options[] = {{"super_twisting", super_twisting},
                                  closure_projection(c);
                                }}};
 
+/// The generator of set points by itself, in motion, with the longest filter: a new set point, and a tick.
+[[gnu::noinline]] void report_set_points(Text& out, std::uint32_t states, const Timer& timer) {
+  static SetpointGenerator<S> g;
+  g = SetpointGenerator<S>(S(0.5F), S(5), S(1e-3F), true, 64);
+  g.activate(true);
+  g.start(Vec2<S>::Zero(), Vec2<S>::Zero());
+  Counts fresh, tick;
+  Random random;
+  static volatile S sink;
+  for (std::uint32_t i = 0; i < states; ++i) {
+    const Vec2<S> target(random.between(S(-0.3F), S(0.3F)), random.between(S(-0.3F), S(0.3F)));
+    // After a stream the filter begins anew: the most that a set point can cost.
+    if (random.between(S(0), S(1)) < S(0.1F)) g.follow(target, Vec2<S>(S(0.1F), S(0)));
+    const std::uint32_t begin = timer.now();
+    g.go_to(target);
+    fresh.add(timer.now() - begin);
+    for (int n = static_cast<int>(random.between(S(1), S(150))); n > 0; --n) {
+      const std::uint32_t from = timer.now();
+      sink = g.at().position[0];
+      g.advance();
+      tick.add(timer.now() - from);
+    }
+  }
+  print(out, "new_set_point", 0, fresh);
+  print(out, "set_point_tick", 0, tick);
+}
+
 }  // namespace
 
 extern "C" {
@@ -272,6 +303,7 @@ extern "C" [[noreturn]] void esmc_main() {
     option.add(with);
     report(out, option.name, with, states, bus, timer);
   }
+  if (states != 0) report_set_points(out, states, timer);
   out << "done\n";
   for (;;) {
   }

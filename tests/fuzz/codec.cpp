@@ -160,9 +160,10 @@ double number24(const CanFrame& f, std::size_t at) {
 void command_link(fuzz::Bytes& in) {
   const CanFrame f = in.frame(0x780 + in.below(6));
   if (const auto c = link::decode_command(f)) {
-    require(f.data[1] < 16 && f.data[2] < 11 && f.data[3] == 0, "an order that there is");
-    require(static_cast<unsigned>(c->order) == f.data[2] && c->tick == little(f, 4, 2) &&
-                c->parameters == little(f, 6, 2),
+    require(f.data[1] < 16 && (f.data[2] < 11 || f.data[2] == 19 || f.data[2] == 20),
+            "an order that there is");
+    require(static_cast<unsigned>(c->order) == f.data[2] && c->percent == f.data[3] &&
+                c->tick == little(f, 4, 2) && c->parameters == little(f, 6, 2),
             "an order");
   }
   if (const auto p = link::decode_pair(f, link::position_unit)) {

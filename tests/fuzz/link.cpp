@@ -105,7 +105,10 @@ class Run {
         sealed(in_.frame(base + in_.below(7)), in_.u8());
         break;
       case 4:
-        receive(order(in_.below(12)));
+        if (const unsigned what = in_.below(12); what < 11)
+          receive(order(what));
+        else
+          receive(order(Desk::override_speed + (in_.u8() << 8U)));
         break;
       case 5:
         point();
@@ -237,6 +240,10 @@ class Run {
   void obeyed(const CanFrame& f) {
     if (f.id == base + Desk::command) {
       if (f.data[2] == Desk::off) stopped_ = true;
+      if (f.data[2] == Desk::override_speed || f.data[2] == Desk::resume)
+        require(f.data[3] <= 100 && (supervisor_.state() == State::running ||
+                                     (supervisor_.state() == State::disabled && f.data[3] > 0)),
+                "a percentage, for a reference that leads or will");
       if (f.data[2] == Desk::arm)
         require(supervisor_.state() == State::disabled, "armed while disabled only");
       if (f.data[2] == Desk::arm || f.data[2] == Desk::store)

@@ -25,7 +25,7 @@ BASE = 0x780
 # Signal: header and enumeration. Their values are the wire format.
 TABLES = {"State": ("safety/supervisor", "State"), "Fault": ("safety/faults", "Fault"), "Order": ("link/codec", "Order"),
           "Source": ("link/codec", "Source"), "Space": ("link/codec", "Space"), "Reaction": ("link/codec", "Reacted"),
-          "Answer": ("link/codec", "Answer"), "Subject": ("link/codec", "Subject"), "Index": ("link/parameters", "Index"),
+          "Answer": ("link/codec", "Answer"), "Pace": ("link/codec", "Pace"), "Subject": ("link/codec", "Subject"), "Index": ("link/parameters", "Index"),
           "Store": ("link/codec", "StoreState"), "Slot_1": ("link/codec", "SlotContent"), "Slot_2": ("link/codec", "SlotContent")}
 
 

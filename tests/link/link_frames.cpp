@@ -49,7 +49,8 @@ void encode() {
                    static_cast<Source>(i / 3 % 3),
                    i % 2 == 1,
                    i * 0x0123'4567U,
-                   static_cast<std::uint8_t>(1 + 6 * i)};
+                   static_cast<std::uint8_t>(1 + 6 * i),
+                   static_cast<Pace>(i / 5 % 3)};
     const hal::CanFrame f = encode_status(base, s, static_cast<std::uint8_t>(i));
     print("Status", f,
           {{"Crc", number(f.data[0])},
@@ -59,6 +60,7 @@ void encode() {
            {"Reaction", number(s.reaction)},
            {"Source", number(s.source)},
            {"Streaming", number(s.streaming)},
+           {"Pace", number(s.pace)},
            {"Tick", number(s.tick % (1U << 24U))},
            {"Session", number(s.session)}});
     const FaultRecord r{s.fault, static_cast<std::uint8_t>(255 - 6 * i), static_cast<std::uint16_t>(1639 * i),
@@ -126,6 +128,7 @@ void decode(const hal::CanFrame& f, std::uint8_t session) {
     case Message::command:
       if (const auto c = decode_command(f)) {
         say("Order", number(c->order));
+        say("Percent", number(c->percent));
         say("Tick", number(c->tick));
         say("Parameters", number(c->parameters));
       }

@@ -31,7 +31,8 @@ inline std::uint8_t j1850(const std::vector<std::uint8_t>& bytes) {
 struct Desk {
   static constexpr unsigned command = 0, point = 1, position = 2, velocity = 3, write = 4, request = 5;
   static constexpr unsigned none = 0, arm = 1, disarm = 2, off = 3, reset = 4, confirm_zero = 5, hold = 6,
-                            reference = 7, stream = 8, store = 9, forget = 10;
+                            reference = 7, stream = 8, store = 9, forget = 10, override_speed = 19,
+                            resume = 20;
   static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14,
                             counts = 0x15, effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C,
                             slots = 0x1D;
@@ -40,7 +41,7 @@ struct Desk {
   std::uint8_t session = 1;
   std::uint32_t tick = 0;   ///< of the last Status
   std::uint32_t crc32 = 0;  ///< of the last Parameter_Table
-  unsigned state = 0, fault = 0, reaction = 0, source = 0;
+  unsigned state = 0, fault = 0, reaction = 0, source = 0, pace = 0;
   bool streaming = false;
   std::array<std::uint8_t, 6> counter{};
   std::vector<hal::CanFrame> heard;  ///< of the block, since clear()
@@ -63,8 +64,8 @@ struct Desk {
     for (unsigned i = 0; i < 6; ++i) f.data[2 + i] = static_cast<std::uint8_t>(payload >> (8 * i));
     return seal(f, session);
   }
-  hal::CanFrame order(unsigned what) {
-    return make(command, what | (std::uint64_t{tick & 0xFFFF} << 16) | (std::uint64_t{crc32 & 0xFFFF} << 32));
+  hal::CanFrame order(unsigned what, unsigned percent = 0) {
+    return make(command, what | (percent << 8) | (std::uint64_t{tick & 0xFFFF} << 16) | (std::uint64_t{crc32 & 0xFFFF} << 32));
   }
   hal::CanFrame pair(unsigned message, int a, int b, unsigned space = 0) {
     const auto u24 = [](int v) { return static_cast<std::uint64_t>(static_cast<unsigned>(v) & 0xFFFFFFU); };
@@ -91,6 +92,7 @@ struct Desk {
       reaction = f.data[3] & 3;
       source = (f.data[3] >> 2) & 3;
       streaming = (f.data[3] & 0x10) != 0;
+      pace = f.data[3] >> 6;
       tick = word(f, 4, 3);
       session = f.data[7];
     }

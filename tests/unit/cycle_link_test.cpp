@@ -194,6 +194,49 @@ TEST(CycleLink, TheReferenceRunsUnlessTheComputerChoosesOtherwise) {
   EXPECT_EQ(c.desired_effector, d.desired_effector);
 }
 
+/// By frames alone: slower along the circle, at rest on it, on from there.
+TEST(CycleLink, TheReferenceIsHeldOnItsPath) {
+  auto s = with_link<FiveBar<double>>();
+  s.link.source = link::Source::reference;
+  s.controller.limits.joint_speed = 1e3;  // the mechanism does not follow
+  Linked<FiveBar<double>> l(s);
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({l.desk.ask(2)});
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  Vec2<double> last = l.tick().desired_effector;
+  double speed = 0.2;  // 0.02 m at 10 rad/s
+  const auto go = [&](int ticks, const std::vector<hal::CanFrame>& frames = {}) {
+    for (int i = 0; i < ticks; ++i) {
+      const Vec2<double> now = l.tick(i == 0 ? frames : std::vector<hal::CanFrame>{}).desired_effector;
+      const double step = (now - last).norm() / 1e-3;
+      EXPECT_NEAR((now - Vec2<double>(0.0, 0.17)).norm(), 0.02, 1e-12);
+      EXPECT_LE(std::abs(step - speed), 0.2 * 10 * 1e-3 + 1e-6) << "no jump of the speed";
+      speed = step;
+      last = now;
+    }
+  };
+  go(5);
+  EXPECT_NEAR(speed, 0.2, 1e-5);
+  go(200, {l.desk.order(Desk::override_speed, 25)});
+  EXPECT_NEAR(speed, 0.05, 1e-5);
+  go(200, {l.desk.order(Desk::hold)});
+  EXPECT_EQ(speed, 0.0);
+  EXPECT_EQ(l.desk.pace, 2U);
+  go(200, {l.desk.order(Desk::resume)});
+  EXPECT_NEAR(speed, 0.05, 1e-5);
+  go(200, {l.desk.order(Desk::hold)});
+  // After an episode the hold is over, the percentage is not.
+  l.tick({l.desk.order(Desk::disarm)});
+  l.until_told(static_cast<unsigned>(State::disabled));
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  last = l.tick().desired_effector;
+  speed = 0.05;
+  go(100);
+  EXPECT_NEAR(speed, 0.05, 1e-5);
+}
+
 TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
   Linked<FiveBar<double>> l;
   l.arm_for_set_points();

@@ -41,8 +41,10 @@ TEST(LinkCodec, Orders) {
   EXPECT_EQ(order(0, 1, 0)->parameters, 0x5678);
   EXPECT_FALSE(order(0x10, 1, 0));
   EXPECT_FALSE(order(0, 11, 0));
-  EXPECT_FALSE(order(0, 1, 1));
-  EXPECT_FALSE(order(0, 1, 0x80));
+  EXPECT_EQ(order(0, 19, 0x80)->percent, 0x80) << "what it means the link judges";
+  EXPECT_TRUE(order(0, 20, 0));
+  EXPECT_FALSE(order(0, 18, 0));
+  EXPECT_FALSE(order(0, 21, 0));
   const CommandFrame none;
   EXPECT_TRUE(none.order == Order::none && none.tick == 0 && none.parameters == 0);
 }
@@ -105,6 +107,9 @@ TEST(LinkCodec, StatusSaysAllOfTheState) {
   EXPECT_EQ(Bytes(b.begin() + 4, b.end()), (Bytes{0xD4, 0xC3, 0xB2, 0x5A}));
   EXPECT_TRUE(intact(encode_status(base, s, 0x37), 0x5A));
   EXPECT_FALSE(intact(encode_status(base, s, 0x37), 0x5B));
+  s.pace = Pace::held;
+  EXPECT_EQ(bytes_of(encode_status(base, s, 0x37), base + 0x10)[3], 2U | (2U << 2U) | 0x10U | (2U << 6U));
+  s.pace = Pace::full;
   s.streaming = false;
   s.source = Source::reference;
   s.reaction = Reacted::zero_torque;
@@ -116,7 +121,7 @@ TEST(LinkCodec, StatusSaysAllOfTheState) {
   EXPECT_EQ(bytes_of(encode_status(base, at_power_up, 0), base + 0x10)[1], 0U);
   EXPECT_TRUE(at_power_up.fault == Fault::none && at_power_up.reaction == Reacted::none &&
               at_power_up.source == Source::reference && !at_power_up.streaming && at_power_up.tick == 0 &&
-              at_power_up.session == 1);
+              at_power_up.session == 1 && at_power_up.pace == Pace::full);
 }
 
 TEST(LinkCodec, FaultsAreTwoFrames) {

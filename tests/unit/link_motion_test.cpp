@@ -150,6 +150,85 @@ TEST(Link, AStreamEndsWithASetPointOrHold) {
   EXPECT_TRUE(r.has_sample && !r.hold && !r.has_point);
 }
 
+TEST(Link, TheReferenceIsSlowedHeldAndResumed) {
+  constexpr unsigned full = 0, reduced = 1, held = 2;
+  LinkBench b;
+  b.listen();
+  const auto paced = [&](unsigned what, unsigned percent = 0) {
+    const Request r = b.tick({b.desk.order(what, percent)});
+    EXPECT_EQ(r.has_rate, b.outcomes[0] == Outcome::obeyed);
+    return r.has_rate ? int{r.percent} : -1;
+  };
+  const auto pace = [&] {
+    b.settle();
+    return b.desk.pace;
+  };
+  // While disabled a speed for the next start, and nothing that would keep it from moving.
+  EXPECT_EQ(paced(Desk::override_speed, 0), -1);
+  EXPECT_EQ(paced(Desk::resume), -1);
+  EXPECT_EQ(pace(), full);
+  EXPECT_EQ(paced(Desk::override_speed, 40), 40);
+  EXPECT_EQ(pace(), reduced);
+  ASSERT_EQ(b.one(b.desk.order(Desk::reference)), Outcome::obeyed);
+  ASSERT_EQ(b.one(b.desk.order(Desk::arm)), Outcome::obeyed);
+  EXPECT_EQ(paced(Desk::override_speed, 50), -1) << "while enabling";
+  b.settle();
+  ASSERT_EQ(b.supervisor.state(), State::running);
+  EXPECT_EQ(paced(Desk::override_speed, 50), 50);
+  EXPECT_FALSE(b.tick().has_rate) << "once";
+  EXPECT_EQ(paced(Desk::resume), -1) << "not held";
+  EXPECT_EQ(paced(Desk::hold), 0);
+  EXPECT_EQ(pace(), held);
+  EXPECT_EQ(paced(Desk::hold), 0);
+  EXPECT_EQ(paced(Desk::resume), 50);
+  EXPECT_EQ(pace(), reduced);
+  EXPECT_EQ(paced(Desk::override_speed, 0), 0) << "the same as hold";
+  EXPECT_EQ(paced(Desk::override_speed, 100), 100);
+  EXPECT_EQ(pace(), full);
+  // A hold ends with the episode, the percentage does not.
+  EXPECT_EQ(paced(Desk::override_speed, 30), 30);
+  EXPECT_EQ(paced(Desk::hold), 0);
+  b.tick({b.desk.order(Desk::off)});
+  const Request after = b.tick();
+  EXPECT_TRUE(after.has_rate);
+  EXPECT_EQ(after.percent, 30);
+  EXPECT_EQ(pace(), reduced);
+}
+
+TEST(Link, ASpeedWithoutAMeaningIsRefused) {
+  LinkBench b;
+  b.listen();
+  for (const unsigned percent : {101U, 128U, 255U})
+    EXPECT_EQ(b.one(b.desk.order(Desk::override_speed, percent)), Outcome::malformed) << percent;
+  for (const unsigned what : {Desk::none, Desk::arm, Desk::off, Desk::hold, Desk::resume})
+    EXPECT_EQ(b.one(b.desk.order(what, 50)), Outcome::malformed) << what;
+  for (unsigned what = 11; what < 256; ++what) {
+    if (what != Desk::override_speed && what != Desk::resume) {
+      EXPECT_EQ(b.one(b.desk.order(what)), Outcome::malformed) << what;
+    }
+  }
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+  // Under set points, and where the reference does not move.
+  LinkBench guided;
+  guided.run();
+  EXPECT_EQ(guided.one(guided.desk.order(Desk::override_speed, 50)), Outcome::refused);
+  EXPECT_EQ(guided.one(guided.desk.order(Desk::resume)), Outcome::refused);
+  LinkConfig c = link_config();
+  c.has_path = false;
+  LinkBench still(c);
+  still.run(Desk::reference);
+  EXPECT_EQ(still.one(still.desk.order(Desk::override_speed, 50)), Outcome::refused);
+  EXPECT_EQ(still.one(still.desk.order(Desk::hold)), Outcome::refused);
+  EXPECT_EQ(still.desk.pace, 0U);
+  // Too old, as any order.
+  LinkBench late;
+  late.run(Desk::reference);
+  const std::uint32_t tick = late.desk.tick;
+  for (int i = 0; i < 60; ++i) late.tick();
+  late.desk.tick = tick;
+  EXPECT_EQ(late.one(late.desk.order(Desk::hold)), Outcome::refused);
+}
+
 TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
   LinkConfig c = link_config();
   c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});

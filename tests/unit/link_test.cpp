@@ -148,7 +148,7 @@ TEST(Link, ArmsDisarmsAndResets) {
   EXPECT_EQ(b.one(b.desk.order(Desk::confirm_zero)), Outcome::refused);
   EXPECT_EQ(b.one(b.desk.order(Desk::reference)), Outcome::refused);
   EXPECT_EQ(b.one(b.desk.order(Desk::stream)), Outcome::refused);
-  EXPECT_EQ(b.one(b.desk.order(Desk::hold)), Outcome::refused) << "the reference leads";
+  EXPECT_EQ(b.one(b.desk.order(Desk::hold)), Outcome::obeyed) << "on the path";
   EXPECT_EQ(b.tick({b.desk.order(Desk::disarm)}).command, Command::halt);
   EXPECT_EQ(b.supervisor.state(), State::stopping);
   b.tick();

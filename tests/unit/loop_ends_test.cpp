@@ -6,14 +6,18 @@
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <memory>
 #include <optional>
+#include <random>
 #include <string>
 #include <thread>
 
+#include "host_sim/operate/link_client.hpp"
 #include "tests/support/odrive_bytes.hpp"
 
 namespace esmc::host {
@@ -216,6 +220,61 @@ TEST_F(LoopEnds, ShutDownEndsWithSilentDrives) {
   EXPECT_EQ(loop.controller.supervisor().state(), State::stopping);
   EXPECT_GE(passes, 10) << "a heartbeat period";
   EXPECT_LE(passes, 60);
+}
+
+/// A program under a random override, by frames: plant, drives and controller on a bus.
+TEST_F(LoopEnds, ThePlantStaysOnTheReferencesPathAtAnySpeed) {
+  options_.sets = {
+      "command={speed=0.5, acceleration=2.0}",
+      R"(reference={type="polyline", points=[[0.0,0.15],[0.05,0.15],[0.05,0.2]], speed=0.2, repeat=true})"};
+  scene_ = read_loop_scene(options_);
+  hal::VirtualBus<3> bus;
+  PlantEnd<FiveBarTraits, hal::VirtualBus<3>::Port> plant(scene_, options_, bus.port(0), frames_, nullptr,
+                                                          true);
+  ControllerEnd<FiveBarTraits, hal::VirtualBus<3>::Port> controller(scene_, Pacing::lockstep, bus.port(1));
+  LinkClient console(static_cast<std::uint32_t>(scene_.command->base_id));
+  const std::array<std::array<double, 2>, 3> corner{{{0.0, 0.15}, {0.05, 0.15}, {0.05, 0.2}}};
+  std::mt19937 random(4);
+  double off = 0.0, jump = 0.0, longest = 0.0, shortest = 1.0;
+  std::optional<std::array<double, 4>> last;
+  for (int i = 0; i < 6000; ++i) {
+    plant.publish();
+    ASSERT_EQ(controller.await_samples(), Waited::done);
+    controller.tick(true);
+    ASSERT_TRUE(plant.await_torques());
+    plant.advance(controller.view());
+    for (hal::CanFrame f; bus.port(2).try_receive(f);) (void)console.hear(f);
+    if (i > 200 && random() % 60 == 0) {
+      const auto percent = static_cast<std::uint8_t>(random() % 2 == 0 ? random() % 101 : random() % 2 * 100);
+      ASSERT_EQ(bus.port(2).try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
+    }
+    if (!plant.released()) continue;
+    const V2 at = plant.plant().motion().output().effector;
+    const std::array<double, 2> s{at.x, at.y};
+    if (last) {
+      const double vx = (s[0] - (*last)[0]) / 1e-3, vy = (s[1] - (*last)[1]) / 1e-3;
+      longest = std::max(longest, std::hypot(vx, vy));
+      shortest = std::min(shortest, std::hypot(vx, vy));
+      jump = std::max(jump, std::hypot(vx - (*last)[2], vy - (*last)[3]));
+      last = {s[0], s[1], vx, vy};
+    } else {
+      last = {s[0], s[1], 0.0, 0.0};
+    }
+    double best = 1.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto &a = corner[k], &b = corner[(k + 1) % 3];
+      const double x = b[0] - a[0], y = b[1] - a[1], length = x * x + y * y;
+      const double u = std::clamp(((s[0] - a[0]) * x + (s[1] - a[1]) * y) / length, 0.0, 1.0);
+      best = std::min(best, std::hypot(s[0] - a[0] - u * x, s[1] - a[1] - u * y));
+    }
+    off = std::max(off, best);
+  }
+  EXPECT_EQ(controller.supervisor().state(), State::running);
+  EXPECT_GT(console.news().statuses, 100U);
+  EXPECT_LT(off, 2e-5);
+  EXPECT_LT(jump, 10.0 * 1e-3) << "m/s in a tick";
+  EXPECT_LT(longest, 0.2 * 1.9);
+  EXPECT_LT(shortest, 1e-6);
 }
 
 /// t = 0: the second heartbeat of closed-loop control reaches both ends, in the same tick.

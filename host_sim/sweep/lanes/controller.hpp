@@ -95,11 +95,26 @@ class SetpointGenerator<host::Lanes<N, Tag>> {
  public:
   using L = host::Lanes<N, Tag>;
   SetpointGenerator() = default;
-  SetpointGenerator(L, L, L, bool) {}
+  SetpointGenerator(L, L, L, bool, std::uint32_t) {}
   [[nodiscard]] static constexpr bool active() { return false; }
   [[nodiscard]] static Motion2<L> at() { return {}; }
   static void start(const Vec2<L>&, const Vec2<L>&) {}
   static void advance() {}
+};
+
+/// Nor at another rate.
+template <int N, class Tag>
+class PathRate<host::Lanes<N, Tag>> {
+ public:
+  using L = host::Lanes<N, Tag>;
+  PathRate() = default;
+  PathRate(L, L) {}
+  [[nodiscard]] static constexpr bool active() { return false; }
+  [[nodiscard]] static L begin() { return L(1.0); }
+  template <class Reference, class Feasible>
+  static Motion2<L> step(const Reference&, std::uint64_t, std::uint32_t, const Feasible&) {
+    return {};
+  }
 };
 
 /// Lanes take no scene with a sign test.

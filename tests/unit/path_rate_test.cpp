@@ -1,0 +1,308 @@
+/// Feed-rate override: references between ticks, and a path time that gets slower, stops and goes on.
+
+#include "firmware/cycle/path_rate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace {
+
+using namespace esmc;
+using V = Vec2<double>;
+
+constexpr double h = 1e-3, turn = 6.283185307179586;
+constexpr std::uint32_t whole = 1U << TickTime::bits;
+
+Reference<double> circle(double radius, double speed) {
+  Reference<double> r;
+  r.kind = ReferenceKind::circle;
+  r.centre = V(0.1, -0.2);
+  r.amplitude = V(radius, radius);
+  r.speed = V(speed, speed);
+  const auto turns = static_cast<std::int64_t>(std::ldexp(speed * h / turn, 62)) * 4;
+  r.phase[0] = r.phase[1] = {0, static_cast<std::uint64_t>(turns)};
+  return r;
+}
+
+/// Pieces of random length, none of whole ticks, through random motions.
+std::vector<PathSegment<double>> random_path(std::mt19937& random, std::vector<double>& begin) {
+  std::uniform_real_distribution<double> unit(-1, 1);
+  const auto motion = [&] {
+    return Motion2<double>{V(unit(random), unit(random)), V(unit(random), unit(random)),
+                           V(unit(random), unit(random))};
+  };
+  std::vector<PathSegment<double>> out;
+  double t = 0.0;
+  Motion2<double> from = motion();
+  for (int i = 0; i < 8; ++i) {
+    const double duration = h * (6.5 + 4.0 * unit(random));
+    const Motion2<double> to = motion();
+    const auto start = static_cast<std::uint32_t>(std::ceil(t / h));
+    out.push_back({start, start * h - t, Quintic<double>::between(from, to, duration)});
+    begin.push_back(t);
+    t += duration;
+    from = to;
+  }
+  begin.push_back(t);
+  return out;
+}
+
+TEST(PathRate, PathsBetweenTicksAreTheirPieces) {
+  std::mt19937 random(5);
+  std::uniform_int_distribution<std::uint32_t> fraction(0, whole - 1);
+  for (int trial = 0; trial < 50; ++trial) {
+    std::vector<double> begin;
+    const auto path = random_path(random, begin);
+    Reference<double> r;
+    r.kind = ReferenceKind::path;
+    r.path = path;
+    const auto ticks = static_cast<std::uint32_t>(std::ceil(begin.back() / h)) + 2;
+    if (trial % 2 == 1) r.repeat_ticks = ticks;
+    for (std::uint64_t tick = 0; tick < 3 * ticks; ++tick) {
+      const TickTime at{tick, tick % 5 == 0 ? 0U : fraction(random)};
+      const double round = r.repeat_ticks > 0 ? double(tick % ticks) : double(tick);
+      const double t = (round + double(at.fraction) / whole) * h;
+      const auto next = std::upper_bound(begin.begin(), begin.end() - 1, t + 1e-15);
+      const auto i = static_cast<std::size_t>(next - begin.begin()) - 1;
+      Motion2<double> want = path[i].curve.at(t - begin[i]);
+      if (t > begin.back()) want.velocity = want.acceleration = V(0, 0);
+      const Motion2<double> got = r.at(at, h);
+      ASSERT_LT((got.position - want.position).norm(), 1e-11) << trial << ' ' << tick;
+      ASSERT_LT((got.velocity - want.velocity).norm() * h, 1e-9) << trial << ' ' << tick;
+    }
+  }
+}
+
+TEST(PathRate, BeforeItsFirstPieceAPathRests) {
+  const std::vector<PathSegment<double>> path{
+      {5, 0.0, Quintic<double>::between({V(1, 2), V(3, 0), V(0, 0)}, {V(2, 2), V(0, 0), V(0, 0)}, 0.01)}};
+  Reference<double> r;
+  r.kind = ReferenceKind::path;
+  r.path = path;
+  for (const std::uint32_t tick : {2U, 4U}) {
+    const auto m = r.at(TickTime{tick, whole / 2}, h);
+    EXPECT_EQ(m.position, V(1, 2));
+    EXPECT_EQ(m.velocity, V(0, 0));
+  }
+  EXPECT_GT(r.at(TickTime{5, whole / 2}, h).velocity[0], 3.0);
+}
+
+TEST(PathRate, PhasesBetweenTicksAreBetweenThem) {
+  for (const double speed : {10.0, -7.0}) {
+    const auto r = circle(0.05, speed);
+    for (const std::uint64_t tick : {0ULL, 999ULL, 1'000'000'000ULL}) {
+      const auto a = r.at(TickTime{tick, 0}, h), b = r.at(tick, h);
+      EXPECT_EQ(a.position, b.position);
+      // Halfway: in the middle of both neighbours' arc.
+      const V from = b.position - r.centre, to = r.at(tick + 1, h).position - r.centre;
+      const V middle = r.at(TickTime{tick, whole / 2}, h).position - r.centre;
+      EXPECT_LT((middle - (from + to).normalized() * 0.05).norm(), 1e-12);
+    }
+  }
+}
+
+/// What a random operator makes of a reference, tick by tick.
+struct Seen {
+  double off = 0, jump = 0, velocity_jump = 0, along = 0, speed = 0;
+};
+template <class Off, class Wish>
+Seen watch(PathRate<double>& rate, const JoinedReference<double>& reference, int ticks, const Off& off,
+           const Wish& wish, bool feasible = true) {
+  Seen s;
+  Motion2<double> last;
+  for (int i = 0; i < ticks; ++i) {
+    wish(i);
+    const auto m = rate.active() ? rate.step(reference, static_cast<std::uint64_t>(i), 0,
+                                             [&](const Motion2<double>&) { return feasible; })
+                                 : reference.at(static_cast<std::uint64_t>(i));
+    s.off = std::max(s.off, off(m.position));
+    s.speed = std::max(s.speed, m.velocity.norm());
+    if (m.velocity.norm() > 1e-6)
+      s.along = std::max(s.along, std::abs(m.acceleration.dot(m.velocity.normalized())));
+    if (i > 0) {
+      s.jump =
+          std::max(s.jump, (m.position - last.position - (m.velocity + last.velocity) * (0.5 * h)).norm());
+      s.velocity_jump =
+          std::max(s.velocity_jump, (m.velocity - last.velocity - last.acceleration * h).norm());
+    }
+    last = m;
+  }
+  return s;
+}
+
+TEST(PathRate, ACircleIsNeverLeft) {
+  std::mt19937 random(1);
+  std::uniform_int_distribution<int> one_in(0, 99), percent(0, 100);
+  const double radius = 0.05, speed = 8.0, limit = 1.5;  // 0.4 m/s
+  const auto r = circle(radius, speed);
+  const JoinedReference<double> joined(r, 0, h);
+  PathRate<double> rate(limit, h);
+  EXPECT_FALSE(rate.active());
+  EXPECT_EQ(rate.begin(), 1.0);
+  const Seen s = watch(
+      rate, joined, 100'000, [&](const V& p) { return std::abs((p - r.centre).norm() - radius); },
+      [&](int) {
+        if (one_in(random) == 0) rate.want(static_cast<unsigned>(percent(random)));
+      });
+  EXPECT_TRUE(rate.active());
+  EXPECT_LT(s.off, 1e-15);
+  EXPECT_LE(s.speed, radius * speed * (1 + 1e-12));
+  EXPECT_LE(s.along, limit * std::sqrt(2.0) * (1 + 1e-9)) << "1.5 in each coordinate";
+  EXPECT_GT(s.along, limit);
+  EXPECT_LT(s.jump, 0.25 * h * h * 6.0) << "accelerations of 3.2 across and 2.1 along";
+  EXPECT_LT(s.velocity_jump, h * h * (25.6 + 3 * 10 * 3.2));
+}
+
+/// From and to rest in each corner; on the way at any rate.
+TEST(PathRate, CornersOfAPolylineAreNotCut) {
+  const std::vector<V> corner{V(0, 0), V(0.1, 0), V(0.1, 0.08), V(-0.02, 0.01)};
+  std::vector<PathSegment<double>> path;
+  for (std::uint32_t i = 0; i < 3; ++i)
+    path.push_back({i * 200, 0.0,
+                    Quintic<double>::between({corner[i], V(0, 0), V(0, 0)}, {corner[i + 1], V(0, 0), V(0, 0)},
+                                             200 * h)});
+  Reference<double> r;
+  r.kind = ReferenceKind::path;
+  r.path = path;
+  const JoinedReference<double> joined(r, 0, h);
+  const auto off = [&](const V& p) {
+    double best = 1.0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const V side = corner[i + 1] - corner[i];
+      const double u = std::clamp((p - corner[i]).dot(side) / side.squaredNorm(), 0.0, 1.0);
+      best = std::min(best, (p - corner[i] - u * side).norm());
+    }
+    return best;
+  };
+  std::mt19937 random(2);
+  std::uniform_int_distribution<int> one_in(0, 49), percent(0, 100);
+  for (const bool feasible : {true, false}) {
+    PathRate<double> rate(4.0, h);
+    rate.begin();
+    V end{0, 0};
+    const Seen s = watch(
+        rate, joined, 6000, [&](const V& p) { return end = p, off(p); },
+        [&](int i) {
+          if (i < 3000 && one_in(random) == 0) rate.want(static_cast<unsigned>(percent(random)));
+          if (i == 3000) rate.want(100);
+        },
+        feasible);
+    EXPECT_LT(s.off, 1e-15);
+    EXPECT_LT(s.jump, 0.25 * h * h * 40.0);
+    EXPECT_LT((end - corner.back()).norm(), 1e-15);
+  }
+}
+
+/// A hold from full speed: at rest after v / a, or in eight times that where the motors cannot do more.
+TEST(PathRate, HoldEndsInRestAndResumeGoesOnWhereItWas) {
+  const double radius = 0.05, speed = 8.0;
+  const auto r = circle(radius, speed);
+  const JoinedReference<double> joined(r, 0, h);
+  for (const bool feasible : {true, false}) {
+    PathRate<double> rate(1.0, h);
+    rate.begin();
+    const auto go = [&](std::uint64_t i) {
+      return rate.active() ? rate.step(joined, i, 0, [&](const Motion2<double>&) { return feasible; })
+                           : joined.at(i);
+    };
+    const double longest = radius * speed / 1.0 * (feasible ? 1.0 : 8.0);
+    std::uint64_t i = 0;
+    Motion2<double> m;
+    for (; i < 300; ++i) m = go(i);
+    rate.want(0);
+    double way = 0.0;
+    std::uint64_t n = 0;
+    for (V last = m.position; n < 10'000 && m.velocity.norm() > 0; ++n, ++i) {
+      m = go(i);
+      way += (m.position - last).norm();
+      last = m.position;
+    }
+    EXPECT_LE(double(n) * h, longest + 3 * h);
+    EXPECT_GE(double(n) * h, longest / 1.5);
+    EXPECT_NEAR(way, 0.5 * radius * speed * double(n) * h, 0.2 * way);
+    const V rest = m.position;
+    EXPECT_EQ(m.acceleration, V(0, 0));
+    for (int k = 0; k < 500; ++k) m = go(i++);
+    EXPECT_EQ(m.position, rest);
+    // On from there: full speed again, as if the time between had not been.
+    rate.want(100);
+    EXPECT_LT((go(i++).position - rest).norm(), 1e-7);
+    for (int k = 0; k < 5000; ++k) m = go(i++);
+    EXPECT_NEAR(m.velocity.norm(), radius * speed, 1e-12);
+    const V next = go(i++).position;
+    EXPECT_NEAR((next - m.position).norm(), 2 * radius * std::sin(0.5 * speed * h), 1e-12);
+  }
+}
+
+/// Angles along the circle against the sum of the speeds.
+TEST(PathRate, PathTimeIsTheSumOfTheRates) {
+  const auto r = circle(1.0, 1.0);
+  const JoinedReference<double> joined(r, 0, h);
+  PathRate<double> rate(0.5, h);
+  rate.begin();
+  rate.want(37);
+  double angle = 0.0, last = 1.0;
+  V at{0, 0};
+  for (std::uint64_t i = 0; i < 4000; ++i) {
+    const auto m = rate.step(joined, i, 0, [](const Motion2<double>&) { return true; });
+    if (i > 0) angle += 0.5 * h * (last + m.velocity.norm());
+    last = m.velocity.norm();
+    at = m.position - r.centre;
+  }
+  EXPECT_NEAR(last, 0.37, 1e-6);
+  EXPECT_NEAR(std::atan2(at[1], at[0]), angle, 1e-9);
+  // A predictor's motion is ahead by as much path time.
+  auto copy = rate;
+  const auto now = rate.step(joined, 4000, 0, [](const Motion2<double>&) { return true; });
+  const auto ahead = copy.step(joined, 4000, 10, [](const Motion2<double>&) { return true; });
+  EXPECT_NEAR((ahead.position - now.position).norm(), 10 * h * 0.37, 1e-6);
+}
+
+TEST(PathRate, BeginsAtTheWantedRateWithoutAJump) {
+  for (const unsigned percent : {100U, 250U, 40U, 1U, 0U}) {
+    PathRate<double> rate(100.0, h);
+    rate.want(percent);
+    EXPECT_EQ(rate.active(), percent < 100);
+    const double share = percent == 0 || percent > 100 ? 1.0 : percent / 100.0;
+    const double begun = rate.begin();
+    EXPECT_NEAR(begun, share, 1e-6);
+    const V velocity(0.05, -0.02);
+    JoinedReference<double> joined(circle(0.05, 8.0), 500, h);
+    joined.start(V(0.2, -0.2), velocity / begun);
+    const auto m = rate.active() ? rate.step(joined, 0, 0, [](const Motion2<double>&) { return true; })
+                                 : joined.at(std::uint64_t{0});
+    EXPECT_LT((m.position - V(0.2, -0.2)).norm(), 1e-15);
+    EXPECT_LT((m.velocity - velocity).norm(), 1e-12);
+  }
+}
+
+/// However slow: it gets there.
+TEST(PathRate, ChangesByAtLeastTheSmallestStep) {
+  const JoinedReference<float> joined(Reference<float>{}, 0, 1e-3F);
+  Reference<float> fast;
+  fast.kind = ReferenceKind::circle;
+  fast.amplitude = {1.0F, 1.0F};
+  fast.speed = {1e6F, 1e6F};
+  const JoinedReference<float> racing(fast, 0, 1e-3F);
+  PathRate<float> rate(1e-6F, 1e-3F);
+  rate.begin();
+  rate.want(0);
+  const auto yes = [](const Motion2<float>&) { return true; };
+  const float first = rate.step(racing, 0, 0, yes).velocity.norm();
+  for (std::uint64_t i = 1; i < 1000; ++i) (void)rate.step(racing, i, 0, yes);
+  EXPECT_LT(rate.step(racing, 1000, 0, yes).velocity.norm(), first);
+  // And with a tick as long as all of the change.
+  PathRate<float> slow(1.0F, 1.0F);
+  slow.begin();
+  slow.want(0);
+  (void)slow.step(joined, 0, 0, yes);
+  const auto at_rest = slow.step(racing, 1, 0, yes), later = slow.step(racing, 2, 0, yes);
+  EXPECT_EQ(at_rest.velocity.norm(), 0.0F);
+  EXPECT_EQ(at_rest.position, later.position);
+}
+
+}  // namespace
