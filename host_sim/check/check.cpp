@@ -146,7 +146,9 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
-    judge_probe(v.margins, v.parts, v.findings);
+    const bool cycles = scene.sliding() && !scene.layered() &&
+                        scene.reaching != ReachingChoice::super_twisting && unstable_root(scene);
+    judge_probe(v.margins, v.parts, cycles, v.findings);
   }
   return v;
 }
