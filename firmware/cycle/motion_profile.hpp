@@ -34,7 +34,7 @@ class MotionProfile {
                       magnitude(with.cruise - rate[other]) <= acceleration * lead.first &&
                       magnitude(with.cruise) <= acceleration * lead.tail;
     set(other, from[other], rate[other], to[other],
-        fits ? with : lasting(way[other], rate[other], time, speed, acceleration));
+        fits ? with : lasting(way[other], rate[other], time, acceleration));
   }
   /// From `from` to rest with |acceleration| <= `acceleration` (> 0), straight on: half of rate * time ahead.
   void brake(const Vec2<S>& from, const Vec2<S>& rate, S acceleration) {
@@ -119,7 +119,7 @@ class MotionProfile {
     return {d.sign * cruise, first, first + (rest > S(0) && peak > speed ? rest / cruise : S(0)), tail};
   }
   /// In `time`, which is at least that of fastest(): a slower cruise.
-  static Shape lasting(S way, S rate, S time, S speed, S acceleration) {
+  static Shape lasting(S way, S rate, S time, S acceleration) {
     const Straight d = straight(way, rate, acceleration);
     const S rest = d.way - d.rate * d.rate * S(0.5) / acceleration, room = time - d.rate / acceleration;
     S cruise;
@@ -127,10 +127,9 @@ class MotionProfile {
       cruise = room > S(0) ? rest / room : S(0);
     } else {  // (cruise - rate)^2 + cruise^2 of the accelerations against the way that is left
       const S b = d.rate + acceleration * time, c = acceleration * d.way + d.rate * d.rate * S(0.5);
-      const S root = b * b - S(4) * c;
-      cruise = c > S(0) ? S(2) * c / (b + (root > S(0) ? square_root(root) : S(0))) : S(0);
+      // In the least time the root is zero, and its rounding may be below.
+      cruise = c > S(0) ? S(2) * c / (b + square_root(magnitude(b * b - S(4) * c))) : S(0);
     }
-    if (cruise > speed) cruise = speed;
     const S tail = cruise / acceleration;
     return {d.sign * cruise, magnitude(cruise - d.rate) / acceleration, time - tail, tail};
   }

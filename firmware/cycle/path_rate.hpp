@@ -22,10 +22,9 @@ class PathRate {
 
   /// True if the caller is to follow step() instead of the reference: since a rate below 1 was wanted.
   [[nodiscard]] bool active() const { return active_; }
-  /// Sets the wanted rate, percent, at most 100; before begin() that of the start.
+  /// Sets the wanted rate, percent, above 100: 100; before begin() that of the start.
   void want(unsigned percent) {
-    wanted_ = (percent < percent_max ? percent : percent_max) * (one / percent_max);
-    if (percent >= percent_max) wanted_ = one;
+    wanted_ = percent < percent_max ? percent * (one / percent_max) : one;
     active_ = active_ || wanted_ != one;
   }
   /// Path time 0, at the wanted rate, or where that is none at full rate. Returns the rate, 0 < rate <= 1.

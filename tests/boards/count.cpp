@@ -244,7 +244,7 @@ constexpr Option options[] = {{"super_twisting", super_twisting},
   g.start(Vec2<S>::Zero(), Vec2<S>::Zero());
   Counts fresh, tick;
   Random random;
-  static volatile S sink;
+  static Motion2<S> motion;
   for (std::uint32_t i = 0; i < states; ++i) {
     const Vec2<S> target(random.between(S(-0.3F), S(0.3F)), random.between(S(-0.3F), S(0.3F)));
     // After a stream the filter begins anew: the most that a set point can cost.
@@ -254,7 +254,8 @@ constexpr Option options[] = {{"super_twisting", super_twisting},
     fresh.add(timer.now() - begin);
     for (int n = static_cast<int>(random.between(S(1), S(150))); n > 0; --n) {
       const std::uint32_t from = timer.now();
-      sink = g.at().position[0];
+      motion = g.at();
+      asm volatile("" : : "r"(&motion) : "memory");  // all of it is wanted
       g.advance();
       tick.add(timer.now() - from);
     }

@@ -3,6 +3,7 @@
 usage: operate_test.py ESMC SCENE slcan | INTERFACE [BOARD] [unittest args]   BOARD: the program of boards/linux
 Nothing depends on the clock: waits end when what they wait for has come, and reactions are counted in the controller's ticks."""
 import json
+import math
 import os
 import pty
 import select
@@ -111,6 +112,12 @@ class Bench(unittest.TestCase):
     def status(self, **more):
         return json.loads(self.good("status", options=["--json"], **more))
 
+    def places(self):
+        """Of the effector, one after the other."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            yield self.status()["effector"]
+
     def armed(self):
         console = self.start("operate", self.wire.bus, SCENE, *self.sets, "arm")
         self.ear.wait(lambda: self.ear.statuses[-1][1] == "running" or console.poll() is not None, "running")
@@ -141,7 +148,7 @@ class Operate(Bench):
         self.refused("not_armed", stdin="goto 0 0.2\n")
         self.refused("other_scene", "status", sets=[*SETS, "--set", "control.lambda=6.0"])
         for words in (["set", "control.lambda", "nan"], ["set", "control.nonsense", "1"], ["set", "control.lambda"], ["goto", "1"], ["goto", "a", "1"],
-                      ["jog", "z", "1"], ["jog", "x", "0.1", "-1"], ["fly"], ["status", "now"], ["goto", "inf", "0"]):
+                      ["jog", "z", "1"], ["jog", "x", "0.1", "-1"], ["fly"], ["override", "101"], ["override", "-1"], ["override", "nan"], ["override", "2.5"], ["status", "now"], ["goto", "inf", "0"]):
             self.assertEqual(self.console(*words)[0], 2, words)
         self.assertEqual(self.status()["state"], "disabled")
 
@@ -175,6 +182,7 @@ class Operate(Bench):
         self.refused("not_now", "set", "control.lambda", "8")
         self.refused("not_now", "zero")
         self.refused("not_now", "arm")
+        self.refused("not_now", "override", "50")
         self.assertEqual(self.status()["state"], "running")
         self.good("halt")
         self.assertEqual(first.wait(PATIENCE), 0, self.said(first))
@@ -195,8 +203,23 @@ class Operate(Bench):
         self.ear.state("running")
         self.assertEqual(self.status()["source"], "reference")
         self.refused("not_now", "goto", "0.05", "0.2")
+        # Slower, at rest on its path, on from there; a hold ends with the run, the percentage does not.
+        self.refused("not_now", "resume")
+        self.assertEqual(self.status()["pace"], "full")
+        self.good("override", "30")
+        self.assertEqual(self.status()["pace"], "reduced")
+        self.good("hold")
+        self.assertEqual(self.status()["pace"], "held")
+        places = self.places()
+        here = next(a for a, b in zip(places, places) if math.dist(a, b) < 1e-5)
+        self.assertAlmostEqual(math.dist(here, (0.0, 0.17)), 0.07, 3)
+        self.good("resume")
+        next(p for p in self.places() if math.dist(here, p) > 1e-3)
         self.good("halt")
         self.assertEqual(fourth.wait(PATIENCE), 0, self.said(fourth))
+        self.assertEqual(self.status()["pace"], "reduced")
+        self.refused("not_now", "override", "0")
+        self.good("override", "100")
 
         # Jog as long as somebody holds it: here, until the input ends.
         jog = subprocess.Popen([ESMC, "operate", self.wire.bus, SCENE, *SETS, "jog", "x", "-0.01"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

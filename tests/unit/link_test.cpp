@@ -192,7 +192,7 @@ TEST(Link, TakingTorqueAwayNeedsNeitherCounterNorSession) {
     f.data[2] = static_cast<std::uint8_t>(what);
     EXPECT_EQ(b.one(b.desk.seal(f, 0)), Outcome::obeyed);
   }
-  for (const unsigned what : {Desk::none, Desk::arm, Desk::reset, Desk::hold, 9U}) {
+  for (const unsigned what : {Desk::none, Desk::arm, Desk::reset, Desk::hold, 9U, 50U}) {
     hal::CanFrame f = b.desk.order(what);
     EXPECT_EQ(b.one(b.desk.seal(f, 0)), Outcome::refused) << what;
   }

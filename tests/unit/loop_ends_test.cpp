@@ -16,6 +16,7 @@
 #include <random>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "host_sim/operate/link_client.hpp"
 #include "tests/support/odrive_bytes.hpp"
@@ -222,59 +223,96 @@ TEST_F(LoopEnds, ShutDownEndsWithSilentDrives) {
   EXPECT_LE(passes, 60);
 }
 
-/// A program under a random override, by frames: plant, drives and controller on a bus.
+/// What a random override of a reference does to the plant: controller, drives and plant on a bus, orders in
+/// frames.
+struct Ride {
+  double off = 0.0;                     ///< m, of the effector from the path of the reference at full speed
+  double jump = 0.0;                    ///< m/s, of its velocity in a tick
+  double fastest = 0.0, slowest = 1e9;  ///< m/s
+  int saturated = 0;
+  State state = State::disabled;
+};
+Ride ride(const RunOptions& options, FrameLog& frames, int ticks) {
+  const Scene scene = read_loop_scene(options);
+  const double h = scene.tick();
+  // The path, a hundred points per tick.
+  const ReferenceBundle<double> bundle = make_reference<double>(scene, Pacing::lockstep);
+  std::vector<V2> path;
+  for (std::uint64_t i = 0; i <= 100ULL * bundle.reference.repeat_ticks; ++i) {
+    const auto fraction = static_cast<std::uint32_t>((i % 100) * (1U << TickTime::bits) / 100);
+    const Vec2<double> p = bundle.get().at(TickTime{i / 100, fraction}, h).position;
+    path.push_back({p.x(), p.y()});
+  }
+  const auto off = [&](const V2& p) {
+    double best = 1.0;
+    for (std::size_t k = 0; k + 1 < path.size(); ++k) {
+      const V2 side = path[k + 1] - path[k], from = p - path[k];
+      const double u = std::clamp(dot(from, side) / std::max(dot(side, side), 1e-300), 0.0, 1.0);
+      const V2 miss = from - u * side;
+      best = std::min(best, dot(miss, miss));
+    }
+    return std::sqrt(best);
+  };
+  hal::VirtualBus<3> bus;
+  PlantEnd<FiveBarTraits, hal::VirtualBus<3>::Port> plant(scene, options, bus.port(0), frames, nullptr, true);
+  ControllerEnd<FiveBarTraits, hal::VirtualBus<3>::Port> controller(scene, Pacing::lockstep, bus.port(1));
+  LinkClient console(static_cast<std::uint32_t>(scene.command->base_id));
+  std::mt19937 random(4);
+  Ride r;
+  std::optional<V2> last, last_rate;
+  for (int i = 0; i < ticks; ++i) {
+    plant.publish();
+    EXPECT_EQ(controller.await_samples(), Waited::done);
+    controller.tick(true);
+    EXPECT_TRUE(plant.await_torques());
+    plant.advance(controller.view());
+    for (hal::CanFrame f; bus.port(2).try_receive(f);) (void)console.hear(f);
+    if (i > 200 && random() % 80 == 0) {
+      const unsigned draw = random() % 200;  // half of them all or nothing
+      const auto percent = static_cast<std::uint8_t>(draw <= 100 ? draw : draw % 2 * 100);
+      EXPECT_EQ(bus.port(2).try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
+    }
+    if (!plant.released()) continue;
+    const V2 at = plant.plant().motion().output().effector;
+    if (last) {
+      const V2 rate = (1.0 / h) * (at - *last);
+      const double speed = std::sqrt(dot(rate, rate));
+      r.fastest = std::max(r.fastest, speed);
+      r.slowest = std::min(r.slowest, speed);
+      if (last_rate) r.jump = std::max(r.jump, std::sqrt(dot(rate - *last_rate, rate - *last_rate)));
+      last_rate = rate;
+    }
+    last = at;
+    if (i % 3 == 0) r.off = std::max(r.off, off(at));
+    r.saturated += controller.result().saturated ? 1 : 0;
+  }
+  r.state = controller.supervisor().state();
+  return r;
+}
+
 TEST_F(LoopEnds, ThePlantStaysOnTheReferencesPathAtAnySpeed) {
   options_.sets = {
       "command={speed=0.5, acceleration=2.0}",
       R"(reference={type="polyline", points=[[0.0,0.15],[0.05,0.15],[0.05,0.2]], speed=0.2, repeat=true})"};
-  scene_ = read_loop_scene(options_);
-  hal::VirtualBus<3> bus;
-  PlantEnd<FiveBarTraits, hal::VirtualBus<3>::Port> plant(scene_, options_, bus.port(0), frames_, nullptr,
-                                                          true);
-  ControllerEnd<FiveBarTraits, hal::VirtualBus<3>::Port> controller(scene_, Pacing::lockstep, bus.port(1));
-  LinkClient console(static_cast<std::uint32_t>(scene_.command->base_id));
-  const std::array<std::array<double, 2>, 3> corner{{{0.0, 0.15}, {0.05, 0.15}, {0.05, 0.2}}};
-  std::mt19937 random(4);
-  double off = 0.0, jump = 0.0, longest = 0.0, shortest = 1.0;
-  std::optional<std::array<double, 4>> last;
-  for (int i = 0; i < 6000; ++i) {
-    plant.publish();
-    ASSERT_EQ(controller.await_samples(), Waited::done);
-    controller.tick(true);
-    ASSERT_TRUE(plant.await_torques());
-    plant.advance(controller.view());
-    for (hal::CanFrame f; bus.port(2).try_receive(f);) (void)console.hear(f);
-    if (i > 200 && random() % 60 == 0) {
-      const auto percent = static_cast<std::uint8_t>(random() % 2 == 0 ? random() % 101 : random() % 2 * 100);
-      ASSERT_EQ(bus.port(2).try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
-    }
-    if (!plant.released()) continue;
-    const V2 at = plant.plant().motion().output().effector;
-    const std::array<double, 2> s{at.x, at.y};
-    if (last) {
-      const double vx = (s[0] - (*last)[0]) / 1e-3, vy = (s[1] - (*last)[1]) / 1e-3;
-      longest = std::max(longest, std::hypot(vx, vy));
-      shortest = std::min(shortest, std::hypot(vx, vy));
-      jump = std::max(jump, std::hypot(vx - (*last)[2], vy - (*last)[3]));
-      last = {s[0], s[1], vx, vy};
-    } else {
-      last = {s[0], s[1], 0.0, 0.0};
-    }
-    double best = 1.0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto &a = corner[k], &b = corner[(k + 1) % 3];
-      const double x = b[0] - a[0], y = b[1] - a[1], length = x * x + y * y;
-      const double u = std::clamp(((s[0] - a[0]) * x + (s[1] - a[1]) * y) / length, 0.0, 1.0);
-      best = std::min(best, std::hypot(s[0] - a[0] - u * x, s[1] - a[1] - u * y));
-    }
-    off = std::max(off, best);
-  }
-  EXPECT_EQ(controller.supervisor().state(), State::running);
-  EXPECT_GT(console.news().statuses, 100U);
-  EXPECT_LT(off, 2e-5);
-  EXPECT_LT(jump, 10.0 * 1e-3) << "m/s in a tick";
-  EXPECT_LT(longest, 0.2 * 1.9);
-  EXPECT_LT(shortest, 1e-6);
+  const Ride r = ride(options_, frames_, 5000);
+  EXPECT_EQ(r.state, State::running);
+  EXPECT_EQ(r.saturated, 0);
+  EXPECT_LT(r.off, 2e-5);
+  EXPECT_LT(r.jump, 12.0 * 1e-3);
+  EXPECT_LT(r.fastest, 0.2 * 1.9);
+  EXPECT_LT(r.slowest, 1e-5);
+}
+
+/// A program that takes all of the torque but a reserve, and a hold that would need more.
+TEST_F(LoopEnds, AProgramAtItsTorqueLimitIsHeldWithinIt) {
+  options_.scene = ESMC_PROGRAM_SCENE;
+  options_.sets = {"command={speed=0.5, acceleration=30.0}"};
+  const Ride r = ride(options_, frames_, 5000);
+  EXPECT_EQ(r.state, State::running);
+  EXPECT_EQ(r.saturated, 0);
+  EXPECT_LT(r.off, 1e-4);
+  EXPECT_LT(r.slowest, 1e-4);
+  EXPECT_GT(r.fastest, 1.0);
 }
 
 /// t = 0: the second heartbeat of closed-loop control reaches both ends, in the same tick.
