@@ -71,7 +71,8 @@ class MovingAverage {
 };
 
 /// Generates a motion to rest, to set points, or along a stream: in relation to its base, a profile and then
-/// the moving average.
+/// the moving average. Not inlined, so that it stays out of the ticks without it and of a board's fast
+/// memory.
 template <class S>
 class SetpointGenerator {
  public:
@@ -91,13 +92,13 @@ class SetpointGenerator {
   void activate(bool yes) { active_ = yes; }  ///< sets active(), and nothing else
 
   /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
-  void start(const Vec2<S>& position, const Vec2<S>& velocity) {
+  [[gnu::noinline]] void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     base_ = {};
     following_ = false;
     begin(position, velocity);
   }
   /// Plans the way from the present motion to rest, straight on; ends a stream.
-  void hold() {
+  [[gnu::noinline]] void hold() {
     leave_stream();
     const Motion2<S> now = profile_.at(ticks_);
     profile_.brake(now.position, now.velocity, acceleration_);
@@ -105,13 +106,13 @@ class SetpointGenerator {
   }
   /// Plans the way from the present motion to rest at `target`, m or rad. The caller checks that the target
   /// is in reach; nothing checks the way to it here.
-  void go_to(const Vec2<S>& target) {
+  [[gnu::noinline]] void go_to(const Vec2<S>& target) {
     leave_stream();
     const Motion2<S> now = profile_.at(ticks_);
     plan(now, now.position - apart(now.position, target));
   }
   /// Follows samples (m, m/s or rad, rad/s), one per tick; the first one's offset from the motion fades away.
-  void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
+  [[gnu::noinline]] void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (!following_) {
       const Motion2<S> now = at();
       begin(apart(now.position, position), now.velocity - velocity);
@@ -127,7 +128,7 @@ class SetpointGenerator {
   }
 
   /// Motion of the present tick, m or rad, and per s, s2.
-  [[nodiscard]] Motion2<S> at() const {
+  [[nodiscard, gnu::noinline]] Motion2<S> at() const {
     Motion2<S> m = profile_.at(ticks_);
     if (!rests()) m = average_.with(m);
     m.position += base_.position;
@@ -141,15 +142,17 @@ class SetpointGenerator {
   }
   /// Moves on to the next tick; without effect unless active().
   void advance() {
-    if (!active_) return;
-    average_.add(profile_.at(ticks_));
-    if (!rests()) ++ticks_;
-    if (age_ < ticks_max) ++age_;
+    if (active_) step();
   }
 
  private:
   static constexpr std::uint32_t ticks_max = 0xFFFF'FFFF;
 
+  [[gnu::noinline]] void step() {
+    average_.add(profile_.at(ticks_));
+    if (!rests()) ++ticks_;
+    if (age_ < ticks_max) ++age_;
+  }
   /// The whole average is at rest at the end of the profile.
   [[nodiscard]] bool rests() const { return ticks_ >= profile_.ticks() + average_.length(); }
   [[nodiscard]] Vec2<S> apart(const Vec2<S>& a, const Vec2<S>& b) const {
