@@ -30,8 +30,9 @@ class MovingAverage {
     const Vec2<S> step = velocity * sample_time;
     const Vec2<S> now = mean + step * (S(length_ - 1) * S(0.5));
     sum_ = {};
-    for (next_ = 0; next_ < length_; ++next_) {
-      sum_.position += now - step * S(length_ - next_);
+    S back = S(length_);
+    for (next_ = 0; next_ < length_; ++next_, back -= S(1)) {
+      sum_.position += now - step * back;
       sum_.velocity += velocity;
       sums_[next_] = sum_;
     }
