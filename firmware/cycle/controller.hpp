@@ -231,11 +231,11 @@ class Controller {
     }
     return motors_can(d);
   }
-  /// The motion needs no more torque than the limits allow, by the model.
-  [[nodiscard, gnu::noinline, gnu::cold]] bool motors_can(const Desired<M>& d) const {
+  /// The motion needs no more torque than this share of the limits, by the model.
+  [[nodiscard, gnu::noinline, gnu::cold]] bool motors_can(const Desired<M>& d, S share = S(1)) const {
     typename M::Channels a = config_.mechanism.channel_accelerations(d.pose, d.rates, d.acceleration);
     config_.mechanism.add_rotors(a);
-    const typename M::Channels force = config_.mechanism.force(a, d.rates);
+    const typename M::Channels force = config_.mechanism.force(a, d.rates) * (S(1) / share);
     if (config_.allocate != nullptr) {
       Vec<S, M::joints> torque;
       return !config_.allocate(config_, d.pose, force, torque);
@@ -302,7 +302,8 @@ class Controller {
   [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at_path_rate() {
     return path_rate_.step(reference_, running_tick_, lead_ticks_, [&](const Motion2<S>& m) {
       Desired<M> d;
-      return desired(m, d.pose, d.rates, d.acceleration) && motors_can(d);
+      constexpr S to_the_loop = S(0.95L);  // of the torque; the rest is for the errors that it corrects
+      return desired(m, d.pose, d.rates, d.acceleration) && motors_can(d, to_the_loop);
     });
   }
   /// Not inlined: long, and called in four places.

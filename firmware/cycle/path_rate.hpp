@@ -37,8 +37,8 @@ class PathRate {
 
   /// Motion in a tick since begin(); call it once in each while active(). `lead`: ticks that the motion is
   /// ahead of the path time. `feasible(motion)`: whether the motors can; of the full change of rate, a half,
-  /// a quarter and an eighth of it, the first that they can is made, and the eighth in any case, so that a
-  /// hold always ends in rest.
+  /// a quarter and an eighth of it, the first that they can is made. Where they can none, the rate stays, but
+  /// for `patience` ticks at most: then the eighth is made in any case, so that a hold always ends in rest.
   template <class Reference, class Feasible>
   Motion2<S> step(const Reference& reference, std::uint64_t tick, std::uint32_t lead,
                   const Feasible& feasible) {
@@ -48,6 +48,7 @@ class PathRate {
     m.velocity *= rate;
     m.acceleration *= rate * rate;
     const std::uint32_t before = rate_;
+    if (rate_ == wanted_) waited_ = 0;
     if (rate_ != wanted_) {
       std::uint32_t change = change_within(along);
       const Motion2<S> steady = m;
@@ -55,8 +56,15 @@ class PathRate {
         const std::uint32_t next = changed(change);
         const auto by = static_cast<std::int32_t>(next) - static_cast<std::int32_t>(rate_);
         m.acceleration = steady.acceleration + along * (S(by) * (S(1) / S(one)) / sample_time_);
-        if (tries == 3 || feasible(m)) {
+        const bool can = feasible(m);
+        if (can) waited_ = 0;
+        if (can || (tries == 3 && waited_ >= patience)) {
           rate_ = next;
+          break;
+        }
+        if (tries == 3) {
+          ++waited_;
+          m = steady;
           break;
         }
         change = (change + 1) / 2;
@@ -68,6 +76,7 @@ class PathRate {
 
  private:
   static constexpr std::uint32_t one = 1U << (TickTime::bits - 1);  // so that a sum of two has no halves
+  static constexpr std::uint32_t patience = 256;                    // ticks
   static constexpr S fastest = S(10);                               // 1/s
 
   static S as_real(std::uint32_t rate) { return S(rate) * (S(1) / S(one)); }
@@ -92,6 +101,7 @@ class PathRate {
   S acceleration_{1}, sample_time_{1};
   std::uint64_t delay_ = 0;  // of path time, unit 2^-24 tick
   std::uint32_t rate_ = one, wanted_ = one;
+  std::uint32_t waited_ = 0;  // ticks without a change that the motors can
   bool active_ = false;
 };
 

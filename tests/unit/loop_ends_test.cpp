@@ -268,7 +268,7 @@ Ride ride(const RunOptions& options, FrameLog& frames, int ticks) {
     plant.advance(controller.view());
     for (hal::CanFrame f; bus.port(2).try_receive(f);) (void)console.hear(f);
     if (i > 200 && random() % 80 == 0) {
-      const unsigned draw = random() % 200;  // half of them all or nothing
+      const auto draw = static_cast<unsigned>(random() % 200);  // half of them all or nothing
       const auto percent = static_cast<std::uint8_t>(draw <= 100 ? draw : draw % 2 * 100);
       EXPECT_EQ(bus.port(2).try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
     }

@@ -197,7 +197,8 @@ TEST(PathRate, CornersOfAPolylineAreNotCut) {
   }
 }
 
-/// A hold from full speed: at rest after v / a, or in eight times that where the motors cannot do more.
+/// A hold from full speed: at rest after v / a, or in eight times that, after a pause, where the motors can
+/// none of it.
 TEST(PathRate, HoldEndsInRestAndResumeGoesOnWhereItWas) {
   const double radius = 0.05, speed = 8.0;
   const auto r = circle(radius, speed);
@@ -209,7 +210,7 @@ TEST(PathRate, HoldEndsInRestAndResumeGoesOnWhereItWas) {
       return rate.active() ? rate.step(joined, i, 0, [&](const Motion2<double>&) { return feasible; })
                            : joined.at(i);
     };
-    const double longest = radius * speed / 1.0 * (feasible ? 1.0 : 8.0);
+    const double longest = radius * speed / 1.0 * (feasible ? 1.0 : 8.0), wait = feasible ? 0.0 : 256 * h;
     std::uint64_t i = 0;
     Motion2<double> m;
     for (; i < 300; ++i) m = go(i);
@@ -221,9 +222,9 @@ TEST(PathRate, HoldEndsInRestAndResumeGoesOnWhereItWas) {
       way += (m.position - last).norm();
       last = m.position;
     }
-    EXPECT_LE(double(n) * h, longest + 3 * h);
-    EXPECT_GE(double(n) * h, longest / 1.5);
-    EXPECT_NEAR(way, 0.5 * radius * speed * double(n) * h, 0.2 * way);
+    EXPECT_LE(double(n) * h - wait, longest + 3 * h);
+    EXPECT_GE(double(n) * h - wait, longest / 1.5);
+    EXPECT_NEAR(way, radius * speed * (0.5 * (double(n) * h - wait) + wait), 0.2 * way);
     const V rest = m.position;
     EXPECT_EQ(m.acceleration, V(0, 0));
     for (int k = 0; k < 500; ++k) m = go(i++);
@@ -231,7 +232,7 @@ TEST(PathRate, HoldEndsInRestAndResumeGoesOnWhereItWas) {
     // On from there: full speed again, as if the time between had not been.
     rate.want(100);
     EXPECT_LT((go(i++).position - rest).norm(), 1e-7);
-    for (int k = 0; k < 5000; ++k) m = go(i++);
+    for (int k = 0; k < 8000; ++k) m = go(i++);
     EXPECT_NEAR(m.velocity.norm(), radius * speed, 1e-12);
     const V next = go(i++).position;
     EXPECT_NEAR((next - m.position).norm(), 2 * radius * std::sin(0.5 * speed * h), 1e-12);
