@@ -169,7 +169,10 @@ struct Reference {
       return next < path[i].start_tick ? S(-1)
                                        : S(next - path[i].start_tick) * sample_time + (path[i].offset - back);
     };
-    if (i > 0 && since() < S(0)) --i;
+    if (i > 0 && since() < S(0)) {
+      --i;  // by rounding it may have ended just before the next one begins: no rest between
+      if (since() - path[i].curve.duration < back) return path[i].curve.at(since());
+    }
     const S t = since();
     return motion_in(path[i], t >= S(0), t);
   }

@@ -77,6 +77,27 @@ TEST(PathRate, PathsBetweenTicksAreTheirPieces) {
   }
 }
 
+/// Rounding leaves a gap between the end of a piece and the beginning of the next one: no rest there.
+TEST(PathRate, PathsGoOnWhereOnePieceFollowsAnother) {
+  std::mt19937 random(6);
+  for (int trial = 0; trial < 200; ++trial) {
+    std::vector<double> begin;
+    const auto path = random_path(random, begin);
+    Reference<double> r;
+    r.kind = ReferenceKind::path;
+    r.path = path;
+    for (std::size_t i = 1; i + 1 < begin.size(); ++i) {
+      const auto units = static_cast<std::int64_t>(std::llround(begin[i] / h * whole));
+      for (std::int64_t k = -2; k <= 2; ++k) {
+        const auto at = static_cast<std::uint64_t>(units + k);
+        const auto m = r.at(TickTime{at / whole, static_cast<std::uint32_t>(at % whole)}, h);
+        ASSERT_LT((m.velocity - path[i].curve.at(0.0).velocity).norm(), 1e-2)
+            << trial << ' ' << i << ' ' << k;
+      }
+    }
+  }
+}
+
 TEST(PathRate, BeforeItsFirstPieceAPathRests) {
   const std::vector<PathSegment<double>> path{
       {5, 0.0, Quintic<double>::between({V(1, 2), V(3, 0), V(0, 0)}, {V(2, 2), V(0, 0), V(0, 0)}, 0.01)}};
