@@ -238,12 +238,13 @@ std::pair<link::Space, std::size_t> axis_of_word(const std::string& word) {
             printable(word));
 }
 
-/// FILE may differ from the controller's scene in what is not the controller's, in its reference and its
-/// [command].
+/// FILE may differ from the controller's scene in what is not the controller's, in its reference, and so in
+/// its start, and in its [command].
 void require_same_controller(const Scene& scene, Scene file) {
   file.reference = scene.reference;
   file.command = scene.command;
   file.hardware = scene.hardware;
+  file.start_angle = scene.start_angle;
   if (identity_of(file, Pacing::lockstep) != identity_of(scene, Pacing::lockstep))
     throw Refused(
         fmt::format("other_scene: {} differs from {} in more than its reference: mechanism, gains, limits, "
@@ -319,6 +320,8 @@ void Console::run_file(const std::string& file) {
     interrupted_ = true;
     return bring_to_rest();
   }
+  const std::uint32_t sets = link_.news().telemetry;
+  (void)link_.until([&] { return link_.news().telemetry > sets + 1; }, 1.0, false);  // of the end
   const auto at = position(space());
   say(fmt::format("{} {:.6f} {:.6f}", over ? "end of the path:" : "holds near", at[0], at[1]));
 }

@@ -87,6 +87,7 @@ void SampleStream::step(const std::function<SpaceMotion(double passed)>& next) {
   const double passed = Seconds(now - last_).count();
   last_ = now;
   const SpaceMotion own = next(passed);
+  given_ = own.position;
   auto m = own_ == space_ ? std::optional(own) : in_other_space(*scene_, own_, own);
   if (!m) throw Refused("out_of_bounds: out of reach, or at a singularity");
   if (own_ != space_ && space_ == link::Space::base_joints && any_) {  // not round the circle
@@ -101,6 +102,10 @@ void SampleStream::step(const std::function<SpaceMotion(double passed)>& next) {
 }
 
 void SampleStream::end() {
+  // Of a sample and an order to hold in one tick the order counts, and would brake from the sample before.
+  const std::uint32_t heard = link_.news().statuses;
+  while (link_.status().streaming && running() && link_.news().statuses < heard + 3)
+    step([&](double) { return SpaceMotion{given_, {}}; });
   // A stream that only stops is lost. Without waiting for an answer: the next sample would be due.
   while (link_.status().streaming && running()) {
     link_.send(link_.client().order(link::Order::hold));

@@ -38,7 +38,7 @@ class SampleStream {
   bool begin(const std::array<double, 2>& position);
   /// Waits for the next instant, sends the sample that `next` makes of the time passed (s) since the last.
   void step(const std::function<SpaceMotion(double passed)>& next);
-  /// At rest: the order to hold, until the stream has ended.
+  /// At rest: some more samples, and the order to hold, until the stream has ended.
   void end();
   /// The controller follows samples, or would.
   [[nodiscard]] bool running() const { return link_.status().state == State::running; }
@@ -48,7 +48,7 @@ class SampleStream {
   link::Space space_, own_;
   const Scene* scene_;
   double speed_, acceleration_, period_;
-  std::array<double, 2> sent_{};
+  std::array<double, 2> given_{}, sent_{};  // position of the last sample, in `own` and `space`
   bool any_ = false;
   Connection::Clock::time_point last_;
 };

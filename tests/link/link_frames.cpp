@@ -85,7 +85,7 @@ void encode() {
           {{"Scene", number(~r.drive_error)},
            {"Version", number(protocol_version)},
            {"Unattended", i % 2 == 0 ? 1.0 : 0.0}});
-    const std::uint8_t part[capture_part_size] = {static_cast<std::uint8_t>(6 * i), 0, 1, 2, 3, 255};
+    const CapturePart part{static_cast<std::uint8_t>(6 * i), 0, 1, 2, 3, 255};
     print("Capture", encode_capture(base, static_cast<std::uint16_t>(1640 * i + 3), part),
           {{"Part", number(3)}, {"Record", number(410 * i)}, {"Bytes", number(6 * i + 0xFF03'0201'0000)}});
     const StoreStatus t{static_cast<StoreState>(i % 7),

@@ -125,7 +125,23 @@ class Episode {
     const std::uint64_t payload = random_();
     send(desk_.make(below(6), payload & 0xFFFF'FFFF'FFFFU, below(4) == 0 ? below(16) : below(2)));
   }
+  /// What an operator would do next.
+  void sensible() {
+    switch (loop_.supervisor().state()) {
+      case State::disabled:
+        send(desk_.order(below(4) == 0 ? Desk::reference : Desk::stream));
+        return send(desk_.order(Desk::arm));
+      case State::fault:
+      case State::holding:
+        return send(desk_.order(Desk::reset));
+      case State::running:
+        return below(2) == 0 ? walk() : point(Desk::point);
+      default:
+        return;
+    }
+  }
   void command() {
+    if (below(2) == 0) return sensible();
     switch (below(16)) {
       case 0:
       case 1:
@@ -150,7 +166,7 @@ class Episode {
       case 11:
         return forged();
       case 12:
-        return send(desk_.order(between(0, 12)));
+        return send(desk_.order(below(13)));
       case 13:
         gone_ = between(1, 150);
         return;
@@ -165,18 +181,19 @@ class Episode {
     if (gone_ > 0) {
       --gone_;
     } else {
-      if (below(3) == 0) send(desk_.order(Desk::none));
+      if (below(3) == 0) {
+        send(desk_.order(Desk::none));
+        --sent_;  // is none
+      }
       if (walking_ > 0) stream();
       if (below(walking_ > 0 ? 100 : 12) == 0) command();
     }
-    const Command c = apply_requests(link_, loop_.controller(), 0.0);
-    if (link_.lost()) {
-      lost += loop_.supervisor().fault() == Fault::none ? 1U : 0U;
-      loop_.supervisor().raise(Fault::command_lost);
-    }
     const bool faulty = loop_.supervisor().fault() != Fault::none;
+    const Command c = apply_requests(link_, loop_.controller(), 0.0);
+    if (link_.lost()) loop_.supervisor().raise(Fault::command_lost);
     const auto r = loop_.tick(c, {true, true});
     faults += !faulty && r.fault != Fault::none ? 1U : 0U;
+    lost += !faulty && r.fault == Fault::command_lost ? 1U : 0U;
     check(r);
     link_.transmit(loop_.supervisor(), report_of(loop_.controller(), r, loop_.sample()),
                    [&](const hal::CanFrame& f) {

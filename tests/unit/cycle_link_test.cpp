@@ -342,7 +342,7 @@ void keeps_ticks() {
   for (unsigned block = 0; block < 7; ++block) {
     l.desk.heard.clear();
     l.tick({l.desk.ask(3, block)});
-    for (int i = 0; i < 400; ++i) l.tick();
+    for (int i = 0; i < 1500; ++i) l.tick();
     for (const auto& f : l.desk.heard) {
       if (f.id == 0x780 + Desk::capture && Desk::word(f, 0, 2) != 0xFFFF)
         bytes.insert(bytes.end(), f.data.begin() + 2, f.data.begin() + 8);
