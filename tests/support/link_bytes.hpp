@@ -65,7 +65,8 @@ struct Desk {
     return seal(f, session);
   }
   hal::CanFrame order(unsigned what, unsigned percent = 0) {
-    return make(command, what | (percent << 8) | (std::uint64_t{tick & 0xFFFF} << 16) | (std::uint64_t{crc32 & 0xFFFF} << 32));
+    return make(command, what | (percent << 8) | (std::uint64_t{tick & 0xFFFF} << 16) |
+                             (std::uint64_t{crc32 & 0xFFFF} << 32));
   }
   hal::CanFrame pair(unsigned message, int a, int b, unsigned space = 0) {
     const auto u24 = [](int v) { return static_cast<std::uint64_t>(static_cast<unsigned>(v) & 0xFFFFFFU); };
