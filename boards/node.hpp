@@ -154,6 +154,7 @@ class TimedLoop {
  private:
   void begin(std::uint32_t since) {
     lateness_us_ = since;
+    if constexpr (requires { node_.late_by(since); }) node_.late_by(since);
     if (since > period_us_ / 2) {
       ++late_;
       if (late_before_ || (since >= gap_us && since / 10U >= period_us_)) node_.tick_late();

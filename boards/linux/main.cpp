@@ -9,6 +9,7 @@
 #include <iterator>
 #include <utility>
 
+#include "boards/capture.hpp"
 #include "boards/linux/board.hpp"
 #include "boards/linux/record.hpp"
 #include "scene.hpp"
@@ -249,6 +250,7 @@ int main(int argc, char** argv) {
   const auto session = static_cast<std::uint8_t>(
       1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
+  keep_ticks(node);
   if (!bus.hear(node.filters()))
     refuse((std::string(o.interface) + ": ").c_str(), "refuses acceptance filters");
   Loop loop(node, board, baked::period_ns);

@@ -1,5 +1,6 @@
 /// The image of the emulated boards, in lockstep with `esmc plant`. Without hardware it arms by itself.
 
+#include "boards/capture.hpp"
 #include "boards/cortex_m/crash.hpp"
 #include "boards/mps2/board.hpp"
 #include "scene.hpp"
@@ -10,6 +11,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static_assert(baked::data_bitrate == 0, "slcan carries no CAN FD");
   static Mps2Board board;
   static baked::Node node(baked::config(1));
+  keep_ticks(node);
   // After a crash it stays disabled; the record remains in memory for a debugger.
   if (!crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);

@@ -1,5 +1,6 @@
 /// The image of a NUCLEO board: disabled, without torque, until a supervisor computer arms it.
 
+#include "boards/capture.hpp"
 #include "boards/cortex_m/crash.hpp"
 #include "boards/light.hpp"
 #include "boards/stm32/board.hpp"
@@ -73,6 +74,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static link::ParameterSlots slots(board.slots(), node.link().parameters(), node.link().scene(),
                                     store_ticks_max);
   link::restore(node.link(), slots);
+  keep_ticks(node);
   print_store(board.console(), slots.status());
   link::StoreState printed = slots.status().state;
   // After a crash it does not arm until a loss of power clears the record.

@@ -90,6 +90,8 @@ class Cycle {
   }
   /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
+  /// Lateness of the coming tick, us, for the capture of ticks.
+  void late_by(std::uint32_t us) { link_.late_by(us); }
   /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
   void time_passed(std::uint32_t us) {
     passed_ticks_ = static_cast<std::uint32_t>(S(us) * S(1e-6L) / controller_.config().sample_time + S(0.5F));

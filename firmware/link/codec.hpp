@@ -49,6 +49,7 @@ enum class Message : std::uint8_t {
   joint_1 = 0x18,   ///< ..joint_4: in the order of the joints that have a motor
   identity = 0x1C,  ///< scene of the controller and protocol_version
   parameter_slots = 0x1D,
+  capture = 0x1E,  ///< part of a record of a tick, or what can be read
 };
 inline constexpr std::uint8_t incoming_count = 6;
 inline constexpr std::uint8_t outgoing_first = 0x10;
@@ -89,8 +90,8 @@ enum class Answer : std::uint8_t {
 };
 
 /// Subject of a request.
-enum class Subject : std::uint8_t { faults = 0, parameter = 1, table = 2 };
-inline constexpr std::uint8_t subject_count = 3;
+enum class Subject : std::uint8_t { faults = 0, parameter = 1, table = 2, capture = 3 };
+inline constexpr std::uint8_t subject_count = 4;
 
 /// A session that no controller has: accepted for disarm and off, from a sender that has heard no Status.
 inline constexpr std::uint8_t any_session = 0;
@@ -175,7 +176,7 @@ struct ParameterWrite {
 /// A question.
 struct RequestFrame {
   Subject subject = Subject::faults;
-  std::uint8_t index = 0;  ///< of a parameter
+  std::uint8_t index = 0;  ///< of a parameter, or of a block of captured ticks
 };
 /// Decodes a question; empty: unknown subject, or a reserved bit is set. The index is not checked.
 [[nodiscard]] constexpr std::optional<RequestFrame> decode_request(const hal::CanFrame& f) {
@@ -263,10 +264,13 @@ struct FaultRecord {
 }
 
 /// Identity. `scene`: CRC-32 of the values of the scene that the controller was made of; 0: not known.
-[[nodiscard]] constexpr hal::CanFrame encode_identity(std::uint32_t base, std::uint32_t scene) {
+/// `unattended`: its reference goes on without a sign of life.
+[[nodiscard]] constexpr hal::CanFrame encode_identity(std::uint32_t base, std::uint32_t scene,
+                                                      bool unattended) {
   hal::CanFrame f = detail::frame(base, Message::identity);
   put_field(f, 0, scene, 4);
   f.data[4] = protocol_version;
+  f.data[5] = unattended ? 1 : 0;
   return f;
 }
 /// Scene of an Identity; empty unless the frame is the Identity of a controller at this base: all is checked.
@@ -337,6 +341,31 @@ struct Counters {
   put_field(f, 2, c.bad_crc, 2);
   put_field(f, 4, c.bad_counter, 2);
   put_field(f, 6, c.refused, 2);
+  return f;
+}
+/// What can be read of the captured ticks.
+enum class CaptureState : std::uint8_t {
+  none = 0,       ///< the board keeps none
+  recording = 1,  ///< not now: the controller is armed
+  ready = 2,
+};
+inline constexpr std::array<const char*, 3> capture_state_names{"none", "recording", "ready"};
+[[nodiscard]] constexpr const char* name(CaptureState s) { return name_in(capture_state_names, s); }
+
+/// A record travels in capture_parts frames; torques are in steps of their limit / capture_torque_steps.
+inline constexpr std::size_t capture_record_size = 24, capture_part_size = 6,
+                             capture_parts = capture_record_size / capture_part_size;
+inline constexpr float capture_torque_steps = 32767.0F;
+/// In the place of the number of a part: the bytes are state, 0, count of records (2), records since
+/// power-up (2), others than before where the records have changed.
+inline constexpr std::uint16_t capture_status = 0xFFFF;
+using CapturePart = std::array<std::uint8_t, capture_part_size>;
+/// Frame of a part; `number`: capture_parts * record, 0 the oldest, + part of it; or capture_status.
+[[nodiscard]] constexpr hal::CanFrame encode_capture(std::uint32_t base, std::uint16_t number,
+                                                     const CapturePart& part) {
+  hal::CanFrame f = detail::frame(base, Message::capture);
+  put_field(f, 0, number, 2);
+  for (unsigned i = 0; i < capture_part_size; ++i) f.data[2 + i] = part[i];
   return f;
 }
 /// Frame of two floats from the controller; `message`: effector (m), tracking_error (m), joint_i (rad, N m).

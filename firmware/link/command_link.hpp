@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "firmware/link/capture.hpp"
 #include "firmware/link/codec.hpp"
 #include "firmware/link/fault_memory.hpp"
 #include "firmware/link/link_types.hpp"
@@ -72,15 +73,21 @@ class CommandLink {
     slots_due_ = slots_due_ || s != store_;
     store_ = s;
   }
+  /// Keeps the ticks from now on in this memory; without a call they are not kept. See Capture.
+  void capture_into(std::span<CaptureRecord> memory) { capture_ = Capture(memory); }
+  /// Lateness of the coming tick for its record, us.
+  void late_by(std::uint32_t us) { lateness_us_ = us; }
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
   /// True if no intact frame in order came for more than `silence` ticks (0: not checked) in an armed state,
-  /// or no sample of a begun stream for more than `stream_age` ticks.
+  /// or no sample of a begun stream for more than `stream_age` ticks. A reference that may run unattended is
+  /// watched until it runs.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
+    const bool alone = config_.unattended && source_ == Source::reference && state_ >= State::running;
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
-    return (armed && silence > 0 && tick_ - heard_tick_ > silence) ||
+    return (armed && !alone && silence > 0 && tick_ - heard_tick_ > silence) ||
            (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
   }
 
@@ -90,6 +97,7 @@ class CommandLink {
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());
+    if (capture_.active()) capture(s, r);
     faults_.update(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
     status_due_ = due(since_status_, config_.status_ticks) || status_due_;
     if (due(since_telemetry_, config_.telemetry_ticks) && unsent_ == 0) {
@@ -328,6 +336,9 @@ class CommandLink {
       case Subject::faults:
         faults_.read_out();
         break;
+      case Subject::capture:
+        capture_.read(q->index);
+        break;
       case Subject::table:
         table_due_ = counters_due_ = identity_due_ = slots_due_ = true;
         break;
@@ -373,6 +384,23 @@ class CommandLink {
     }
     if (state_ == State::disabled) heard_tick_ = tick_;
     state_ = now;
+  }
+  /// Records a tick. Counters that stop at their end count no more events.
+  [[gnu::noinline]] void capture(const Supervisor& s, const Report& r) {
+    const std::uint32_t refused = 0U + counters_.bad_crc + counters_.bad_counter + counters_.refused;
+    const unsigned second = r.joints / 2U;  // base joint among the joints with a motor
+    capture_.record({static_cast<std::uint32_t>(tick_),
+                     lateness_us_,
+                     s.state(),
+                     s.fault(),
+                     counters_.obeyed != obeyed_,
+                     refused != refused_,
+                     {r.angle[0], r.angle[second]},
+                     {r.torque[0], r.torque[second]},
+                     {parameters_[Index::torque_limit_1], parameters_[Index::torque_limit_2]},
+                     r.error});
+    obeyed_ = counters_.obeyed;
+    refused_ = refused;
   }
   [[nodiscard]] Status status(const Supervisor& s) const {
     const Reacted reacted = s.fault() == Fault::none    ? Reacted::none
@@ -420,7 +448,10 @@ class CommandLink {
       case 3:
         return once(counters_due_, send, [&] { return encode_counters(base, counters_); });
       case 4:
-        return once(identity_due_, send, [&] { return encode_identity(base, config_.scene); });
+        return once(identity_due_, send,
+                    [&] { return encode_identity(base, config_.scene, config_.unattended); });
+      case 5:
+        return capture_.transmit(base, send);
       default:
         return once(slots_due_, send, [&] { return encode_parameter_slots(base, store_); });
     }
@@ -461,7 +492,7 @@ class CommandLink {
   std::uint8_t percent_ = 100;  // of its speed, when it is not held
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
-  static constexpr unsigned kinds = 6;  // of offer()
+  static constexpr unsigned kinds = 7;  // of offer()
   unsigned turn_ = 0;                   // the kind that is offered first
   bool answered_ = false;               // the last frame was one
   bool status_due_ = false, table_due_ = false, counters_due_ = false, slots_due_ = false;
@@ -474,6 +505,10 @@ class CommandLink {
   StoreRequest store_request_ = StoreRequest::none;
   Report telemetry_report_{};  // of the tick whose telemetry is being sent
   unsigned unsent_ = 0;        // frames of it
+  Capture capture_{};
+  std::uint32_t lateness_us_ = 0;
+  std::uint16_t obeyed_ = 0;   // the counter at the record before
+  std::uint32_t refused_ = 0;  // the sum of the others, likewise
 };
 
 static_assert(std::is_trivially_copyable_v<CommandLink>);

@@ -24,7 +24,8 @@ struct LinkConfig {
   std::array<Bounds, 2> position{};         ///< of set points and samples, m or rad
   std::uint32_t scene = 0;                  ///< CRC-32 of the values of the scene; 0: not known
   Parameters parameters{};
-  bool has_path = true;  ///< the reference of the configuration moves: it can be slowed down
+  bool has_path = true;     ///< the reference of the configuration moves: it can be slowed down
+  bool unattended = false;  ///< once running, the reference needs no sign of life
 };
 
 /// Result of a received frame.

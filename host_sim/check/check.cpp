@@ -128,6 +128,15 @@ void judge_heartbeats(const Scene& scene, Findings& f) {
   }
 }
 
+void judge_unattended(const Scene& scene, Findings& f) {
+  if (!scene.reference.unattended) return;
+  const bool watched = scene.command && scene.command->timeout > 0.0;
+  f.add(watched ? Level::warning : Level::hint, Code::unattended, "reference.unattended", "{}",
+        watched ? "the reference goes on when the console is gone: only faults, orders and the drives' own "
+                  "safe torque off end it"
+                : "has no effect: without [command] and a timeout nobody watches the console");
+}
+
 void judge_odrive(const Scene& scene, Findings& f) {
   if (!scene.odrive()) return;
   if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end())
@@ -142,6 +151,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
+  judge_unattended(scene, v.findings);
   judge_odrive(scene, v.findings);
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {

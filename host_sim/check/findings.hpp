@@ -41,6 +41,7 @@ enum class Code {
   sample_rate,
   heartbeat_timeout,
   units_suspicious,
+  unattended,
 };
 template <>
 inline constexpr auto names_of<Code> =
@@ -49,9 +50,9 @@ inline constexpr auto names_of<Code> =
                "reference_overshoots", "not_followed",     "limit_crossed", "unreachable",
                "preload_lost",         "effect_idle",      "step_too_long", "bus_load",
                "bus_latency",          "identifier_clash", "node_zero",     "sample_rate",
-               "heartbeat_timeout",    "units_suspicious"};
+               "heartbeat_timeout",    "units_suspicious", "unattended"};
 
-static_assert(names_of<Code>.size() == static_cast<std::size_t>(Code::units_suspicious) + 1);
+static_assert(names_of<Code>.size() == static_cast<std::size_t>(Code::unattended) + 1);
 
 struct Finding {
   Level level;

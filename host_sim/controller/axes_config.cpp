@@ -78,6 +78,7 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
       real(ticks(k.timeout))};
   c.parameters =
       link::Parameters(values, {bounds(k.lambda), bounds(k.lambda), bounds(k.gain), bounds(k.gain)});
+  c.unattended = scene.reference.unattended;
   return c;
 }
 

@@ -129,10 +129,10 @@ inline std::string text(const link::Parameters& v) {
 }
 inline std::string text(const link::LinkConfig& v) {
   const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene,
-               parameters, has_path] = v;
+               parameters, has_path, unattended] = v;
   (void)session;  // drawn by the image
   return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
-                position, scene, parameters, has_path);
+                position, scene, parameters, has_path, unattended);
 }
 inline std::string text(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry, unit] = v;

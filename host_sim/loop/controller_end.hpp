@@ -64,6 +64,10 @@ class ControllerEnd {
         scene_(scene),
         finder_(scene),
         reports_(scene) {
+    if (scene.command) {
+      captured_.resize(static_cast<std::size_t>(std::clamp(captured_s * scene.rate_hz, 1.0, 16383.0)));
+      with([&](auto& c) { c.link().capture_into(captured_); });
+    }
     if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
   }
 
@@ -150,6 +154,10 @@ class ControllerEnd {
     }
     expected_ += (result_.torque - expected_) / (scene_.drives.torque_time * scene_.rate_hz + 1.0);
   }
+  /// Lateness of the coming tick, s.
+  void late_by(double seconds) {
+    with([&](auto& c) { c.late_by(static_cast<std::uint32_t>(std::clamp(1e6 * seconds, 0.0, 1e9))); });
+  }
   /// Begins a tick against the clock: reads the waiting frames and, where the drives sample on demand, asks
   /// them and waits for their answers, no longer than `patience`.
   void sample(std::chrono::microseconds patience) {
@@ -190,6 +198,7 @@ class ControllerEnd {
   }
 
  private:
+  static constexpr double captured_s = 2.0;  ///< the last ticks, kept for a console
   [[nodiscard]] bool at_rest() const {
     return (supervisor().state() == State::disabled || supervisor().state() == State::fault) &&
            with([](const auto& c) { return c.all_idle(); });
@@ -218,6 +227,7 @@ class ControllerEnd {
   FaultFinder<World> finder_;
   DriveReports<World, C> reports_;
   std::optional<FaultRecord> fault_;
+  std::vector<link::CaptureRecord> captured_;
   Vec<double, M::joints> expected_ =
       Vec<double, M::joints>::Zero();  // torques as TorqueFeedbackCheck has them
 };

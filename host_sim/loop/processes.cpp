@@ -244,6 +244,7 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
   const Seconds arming(arming_time_max(scene));
   const auto sample = [&] {
     pace.wait();
+    controller.late_by(pace.since());
     controller.sample(patience);
     return true;
   };

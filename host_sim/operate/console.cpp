@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "host_sim/operate/capture.hpp"
 #include "host_sim/operate/status_text.hpp"
 #include "host_sim/record/output.hpp"
 
@@ -49,7 +50,8 @@ std::span<const Console::Command> Console::commands() {
       Command{"jog", "x|y|JOINT SPEED [SECONDS]",
               "at constant speed, m/s or rad/s, while standard input is open and silent; or for a time", 2, 3,
               &Console::jog},
-      Command{"run", "", "enable and follow the scene's reference", 0, 0, &Console::run_reference},
+      Command{"run", "[FILE]", "enable and follow the scene's reference; or stream that of FILE", 0, 1,
+              &Console::run_reference},
       Command{"override", "PERCENT", "the reference at 0 to 100 % of its speed, along its path; 0: hold", 1,
               1, &Console::override_speed},
       Command{"hold", "", "come to rest now, the reference on its path, and hold", 0, 0, &Console::hold},
@@ -63,7 +65,9 @@ std::span<const Console::Command> Console::commands() {
               &Console::set},
       Command{"store", "", "keep the gains for the power-ups to come", 0, 0, &Console::store},
       Command{"record", "[DIR]", "write what is heard to DIR, until Ctrl-C; at the prompt until `record`", 0,
-              1, &Console::record}};
+              1, &Console::record},
+      Command{"capture", "DIR", "write the last ticks that the controller has kept to DIR", 1, 1,
+              &Console::capture}};
   return table;
 }
 
@@ -187,6 +191,17 @@ void Console::record(const Words& words) {
   if (!single_) return;
   (void)link_.until([] { return false; }, 1e9);
   record({"record"});
+}
+
+void Console::capture(const Words& words) {
+  OutputDirectory out(words[1]);
+  const std::vector<link::CaptureTick> ticks = read_capture(link_);
+  out.write("capture.csv",
+            capture_csv(ticks, static_cast<double>(link_.parameter(link::Index::sample_time))));
+  out.write("summary.json",
+            document_text({{"command", "operate"}, {"rows", ticks.size()}, {"fault", name(now().fault)}}));
+  out.commit();
+  say(fmt::format("{} ticks", ticks.size()));
 }
 
 void Console::leave() {

@@ -46,6 +46,8 @@ class Console {
   void leave();
   /// Whether Ctrl-C ended a motion.
   [[nodiscard]] bool interrupted() const { return interrupted_; }
+  /// Overrides of the scene, which hold for the FILE of `run` too, but those of its reference.
+  void overrides(const std::vector<std::string>& sets);
   /// For `jog` without a duration: whether it goes on.
   void hold_to_run(bool (*held)()) { held_ = held; }
 
@@ -59,12 +61,14 @@ class Console {
   void go_to(const Words& words);
   void jog(const Words& words);
   void run_reference(const Words& words);
+  void run_file(const std::string& file);
   void hold(const Words& words);
   void resume(const Words& words);
   void override_speed(const Words& words);
   void set(const Words& words);
   void store(const Words& words);
   void record(const Words& words);
+  void capture(const Words& words);
 
   void say(const std::string& text) const;
   [[nodiscard]] const link::Status& now() const { return link_.status(); }
@@ -72,12 +76,16 @@ class Console {
   /// Throws Refused with the fault's name where there is one.
   void require_no_fault() const;
   [[noreturn]] void refuse(const char* reason, const std::string& what) const;
+  /// To a set point; reports where it arrived. False: Ctrl-C has ended it.
+  bool move_to(const std::array<double, 2>& to);
   /// Arms with this source of motion and waits for `running`.
   void start(link::Source source);
   /// For a motion: running under set points; in a call of its own it arms first.
   void require_guided();
   /// Throws Refused where the controller is not running any more.
   void require_running() const;
+  /// Running without a fault, and no Ctrl-C.
+  [[nodiscard]] bool may_go_on() const;
   /// Stays, as the sign of life, until Ctrl-C or until the controller is not running.
   void stay();
   /// The order to come to rest, until the controller is.
@@ -89,6 +97,7 @@ class Console {
 
   Connection& link_;
   const Scene* scene_;
+  std::vector<std::string> overrides_;
   bool json_, single_;
   bool own_ = false;  ///< armed by this console
   bool interrupted_ = false;

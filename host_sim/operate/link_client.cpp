@@ -80,9 +80,13 @@ bool LinkClient::hear(const hal::CanFrame& f) {
     case Message::identity:
       news_.scene = hal::get_field(f, 0, 4);
       news_.version = f.data[4];
+      news_.unattended = (f.data[5] & 1U) != 0;
       return false;
     case Message::parameter_slots:
       read_store(f);
+      return false;
+    case Message::capture:
+      read_capture(f);
       return false;
     default:
       break;
@@ -124,6 +128,18 @@ void LinkClient::read_store(const hal::CanFrame& f) {
       f.data[1],
       {static_cast<link::SlotContent>(f.data[2]), static_cast<link::SlotContent>(f.data[3])},
       hal::get_field(f, 4, 4)};
+}
+
+void LinkClient::read_capture(const hal::CanFrame& f) {
+  const auto number = static_cast<std::uint16_t>(hal::get_field(f, 0, 2));
+  if (number != link::capture_status) {
+    link::CapturePart& part = news_.capture_parts[number];
+    for (unsigned i = 0; i < part.size(); ++i) part[i] = f.data[2 + i];
+  } else if (f.data[2] < link::capture_state_names.size()) {
+    news_.capture = {static_cast<link::CaptureState>(f.data[2]),
+                     static_cast<std::uint16_t>(hal::get_field(f, 4, 2)),
+                     static_cast<std::uint16_t>(hal::get_field(f, 6, 2)), news_.capture.heard + 1};
+  }
 }
 
 hal::CanFrame LinkClient::frame(link::Message m, std::uint8_t high_bits) {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <vector>
 
@@ -14,6 +15,13 @@ namespace esmc::host {
 /// Status of an intact frame of a controller at `base`; empty: another frame, a wrong checksum, or a value
 /// without a name.
 [[nodiscard]] std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t base);
+
+/// Which ticks a controller has kept.
+struct CaptureNews {
+  link::CaptureState state = link::CaptureState::none;
+  std::uint16_t count = 0, recorded = 0;
+  std::uint32_t heard = 0;  ///< how often it was said
+};
 
 /// What a controller has said last. Telemetry and records carry no checksum: nothing is decided by them.
 struct ControllerNews {
@@ -31,12 +39,15 @@ struct ControllerNews {
   std::array<std::optional<std::array<float, 2>>, link::joints_max> joint;  ///< rad, N m
   std::optional<std::uint32_t> scene;                                       ///< of Identity
   std::uint8_t version = 0;                                                 ///< of Identity
+  bool unattended = false;                                                  ///< of Identity
   std::optional<std::uint32_t> table;                                       ///< CRC-32 of the parameters
   std::optional<link::Counters> counters;
   std::optional<link::StoreStatus> store;
   std::array<Parameter, parameters_max> parameter;
   std::vector<link::FaultRecord> faults;  ///< of the last readout, or since then
   bool readout_over = false;
+  CaptureNews capture;
+  std::map<std::uint16_t, link::CapturePart> capture_parts;       ///< by number
   std::uint32_t statuses = 0, counter_frames = 0, telemetry = 0;  ///< frames heard
   std::uint32_t others = 0;  ///< orders and signs of life of another computer
 };
@@ -75,6 +86,8 @@ class LinkClient {
     news_.faults.clear();
     news_.readout_over = false;
   }
+  /// Forgets the parts of captured ticks, before a readout.
+  void forget_capture() { news_.capture_parts.clear(); }
   hal::CanFrame request(link::Subject subject, std::uint8_t index = 0);
 
  private:
@@ -85,6 +98,7 @@ class LinkClient {
   void read_value(const hal::CanFrame& f);
   void read_record(link::Message m, const hal::CanFrame& f);
   void read_store(const hal::CanFrame& f);
+  void read_capture(const hal::CanFrame& f);
 
   std::uint32_t base_;
   ControllerNews news_;

@@ -6,8 +6,9 @@
 #include <cmath>
 #include <optional>
 
+#include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"
-#include "host_sim/operate/jog_stream.hpp"
+#include "host_sim/operate/sample_stream.hpp"
 
 namespace esmc::host {
 namespace {
@@ -106,8 +107,13 @@ void Console::arm(const Words&) {
   stay();
 }
 
-void Console::run_reference(const Words&) {
+void Console::run_reference(const Words& words) {
+  if (words.size() > 1) return run_file(words[1]);
   start(link::Source::reference);
+  if (link_.news().unattended) {
+    own_ = false;  // leaving this console does not end it
+    return say("running unattended: follows the scene's reference until halt, off or a fault");
+  }
   say("running: follows the scene's reference");
   if (single_) stay();
 }
@@ -178,11 +184,15 @@ void Console::go_to(const Words& words) {
   if (!link_.client().set_point(space(), to))
     throw Refused("out_of_bounds: the command interface carries +-8.388607");
   require_guided();
+  (void)move_to(to);
+}
+
+bool Console::move_to(const std::array<double, 2>& to) {
   const auto from = position(space());
   require_not_interrupted();
   if (!link_.obeyed([&] { return *link_.client().set_point(space(), to); }))
     refuse("out_of_bounds",
-           fmt::format("{} {} is outside the scene's limits or out of reach", words[1], words[2]));
+           fmt::format("{:g} {:g} is outside the scene's limits or out of reach", to[0], to[1]));
   const double distance = std::max(std::abs(to[0] - from[0]), std::abs(to[1] - from[1]));
   const double least = least_time(distance, static_cast<double>(link_.parameter(link::Index::speed)),
                                   static_cast<double>(link_.parameter(link::Index::acceleration)));
@@ -207,64 +217,113 @@ void Console::go_to(const Words& words) {
   const Waited w = link_.until(there, 20.0 * least + 30.0);
   if (w == Waited::stopped) {
     interrupted_ = true;
-    return bring_to_rest();
+    bring_to_rest();
+    return false;
   }
   require_running();
   if (w == Waited::silent) refuse("not_reached", "the set point was not reached in time");
   const auto at = position(space());
   say(fmt::format("at {:.6f} {:.6f}", at[0], at[1]));
+  return true;
 }
 
 namespace {
 
-/// Axis 0 or 1 of the scene's space that a word names. Throws InputError for another word, Refused for
-/// another space.
-std::size_t axis_of_word(const std::string& word, link::Space space, const Scene* scene) {
-  const bool effector = word == "x" || word == "y";
-  std::optional<std::size_t> joint;
-  if (word == "1" || word == "theta11" || word == "theta1") joint = 0;
-  if (word == "2" || word == "theta21" || word == "theta2") joint = 1;
-  if (!effector && !joint)
-    refuse_at("", "jog: '{}' is no axis; allowed are x, y, and 1, 2 or the name of a base joint",
-              printable(word));
-  if (effector != (space == link::Space::effector))
-    throw Refused(fmt::format("other_space: this controller takes {}",
-                              space == link::Space::effector
-                                  ? (scene != nullptr ? "x and y (its reference is not joint_sine)"
-                                                      : "x and y; base joints need SCENE")
-                                  : "base joints (its reference is joint_sine)"));
-  return effector ? (word == "x" ? 0 : 1) : *joint;
+/// Space and axis 0 or 1 that a word names. Throws InputError for another word.
+std::pair<link::Space, std::size_t> axis_of_word(const std::string& word) {
+  if (word == "x" || word == "y") return {link::Space::effector, word == "x" ? 0 : 1};
+  if (word == "1" || word == "theta11" || word == "theta1") return {link::Space::base_joints, 0};
+  if (word == "2" || word == "theta21" || word == "theta2") return {link::Space::base_joints, 1};
+  refuse_at("", "jog: '{}' is no axis; allowed are x, y, and 1, 2 or the name of a base joint",
+            printable(word));
+}
+
+/// FILE may differ from the controller's scene in what is not the controller's, in its reference, and so in
+/// its start, and in its [command].
+void require_same_controller(const Scene& scene, Scene file) {
+  file.reference = scene.reference;
+  file.command = scene.command;
+  file.hardware = scene.hardware;
+  file.start_angle = scene.start_angle;
+  if (identity_of(file, Pacing::lockstep) != identity_of(scene, Pacing::lockstep))
+    throw Refused(
+        fmt::format("other_scene: {} differs from {} in more than its reference: mechanism, gains, limits, "
+                    "drives or rate",
+                    file.file, scene.file));
 }
 
 }  // namespace
 
 void Console::jog(const Words& words) {
-  const link::Space space = this->space();
-  const std::size_t axis = axis_of_word(words[1], space, scene_);
+  const auto [own, axis] = axis_of_word(words[1]);
   const double speed = number_of(words[2], "jog: SPEED"),
                seconds = words.size() > 3 ? number_of(words[3], "jog: SECONDS") : 0.0;
   if (words.size() > 3 && !(seconds > 0.0)) refuse_at("", "jog: SECONDS must be > 0");
-  if (!(std::abs(speed) <= static_cast<double>(link_.parameter(link::Index::speed))))
-    refuse("out_of_bounds",
-           fmt::format("jog: command.speed is {} m/s or rad/s", link_.parameter(link::Index::speed)));
+  if (own != space() && scene_ == nullptr)
+    throw Refused("other_space: this controller takes x and y, or base joints; the other space needs SCENE");
+  SampleStream stream(link_, space(), own, scene_);
+  const auto require_speed = [&](double gain) {
+    if (!(std::abs(speed) * gain <= stream.speed()))
+      refuse("out_of_bounds", fmt::format("jog: command.speed is {} m/s or rad/s", stream.speed()));
+  };
+  if (own == space()) require_speed(1.0);
   require_guided();
-  JogStream stream(link_, space, position(space), axis);
-  if (!stream.begin()) refuse("refused", "the stream was not taken");
+  std::array<double, 2> from = position(space());
+  if (own != space()) {
+    const auto other = in_other_space(*scene_, space(), {from, {}});
+    if (!other) refuse("out_of_bounds", "jog: the mechanism is at a singularity");
+    from = other->position;
+    require_speed(stream.gain(from, axis));
+  }
+  if (!stream.begin(from)) refuse("refused", "the stream was not taken");
   const auto begin = Connection::Clock::now();
   const auto go_on = [&] {
-    if (stop_requested() || now().state != State::running || now().fault != Fault::none) return false;
+    if (!may_go_on()) return false;
     if (words.size() > 3)
       return std::chrono::duration<double>(Connection::Clock::now() - begin).count() < seconds;
     return held_ == nullptr || held_();
   };
-  const bool limit = !stream.run(speed, go_on, scene_);
+  const bool limit = !jog_along(stream, from, axis, speed, go_on);
   require_running();
   if (stop_requested()) {
     interrupted_ = true;
     return bring_to_rest();
   }
-  const auto at = position(space);
+  const auto at = position(own);
   say(fmt::format("{}holds near {:.6f} {:.6f}", limit ? "at the scene's limit: " : "", at[0], at[1]));
+}
+
+bool Console::may_go_on() const {
+  return !stop_requested() && now().state == State::running && now().fault == Fault::none;
+}
+
+void Console::overrides(const std::vector<std::string>& sets) {
+  for (const std::string& s : sets) {
+    if (!s.starts_with("reference")) overrides_.push_back(s);
+  }
+}
+
+void Console::run_file(const std::string& file) {
+  if (scene_ == nullptr) refuse_at("", "run FILE needs SCENE, whose controller is to follow it");
+  const Scene other = read_scene(file, overrides_);
+  require_same_controller(*scene_, other);
+  const StreamedPath path(other);
+  SampleStream stream(link_, space(), path.space(), scene_);
+  path.require_within(stream);
+  const auto start = stream.sample(path.at(0.0));
+  require_guided();
+  if (!move_to(start->position)) return;
+  if (!stream.begin(path.at(0.0).position)) refuse("refused", "the stream was not taken");
+  const bool over = follow_path(stream, path, [&] { return may_go_on(); });
+  require_running();
+  if (stop_requested()) {
+    interrupted_ = true;
+    return bring_to_rest();
+  }
+  const std::uint32_t sets = link_.news().telemetry;
+  (void)link_.until([&] { return link_.news().telemetry > sets + 1; }, 1.0, false);  // of the end
+  const auto at = position(space());
+  say(fmt::format("{} {:.6f} {:.6f}", over ? "end of the path:" : "holds near", at[0], at[1]));
 }
 
 }  // namespace esmc::host

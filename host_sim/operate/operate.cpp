@@ -187,6 +187,7 @@ int run_operate(const OperateOptions& o) {
   }
   Console console(link, scene, o.json, !call.command.empty());
   console.hold_to_run(input_is_silent);
+  console.overrides(o.sets);
   return operate(console, link, call.command, o.json);
 }
 

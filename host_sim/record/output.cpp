@@ -29,7 +29,7 @@ constexpr const char* output_names[] = {
     "frames.csv",      "report.html",  "check.csv",   reference_copy,     model_copy,
     endpoints_copy,    "sweep.toml",   "cases.csv",   "timing.json",      "timing.csv",
     "comparison.json", "check.json",   "design.json", "calibration.json", "identification.json",
-    "margins.json",    "plan.json",    "path.csv"};
+    "margins.json",    "plan.json",    "path.csv",    "capture.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 

@@ -109,6 +109,7 @@ constexpr std::array planar{
 
     Key{"reference.type", "string", "", "", -inf, inf, false, choices<ReferenceType>, "kind of reference", into<&ReferenceScene::type>},
     Key{"reference.join", "number", "-", "s", 0, 60, false, "", "from the measured pose onto the reference by a quintic; default 0 in sim and lockstep, 1.0 on hardware", into<&ReferenceScene::join>},
+    Key{"reference.unattended", "boolean", "false", "", -inf, inf, false, "", "once running it goes on without a console: command.timeout does not apply to it", into<&ReferenceScene::unattended>},
     Key{"reference[circle].center", "numbers", "", "m", -1e3, 1e3, false, "", "centre (x, y)", into<&ReferenceScene::center>},
     Key{"reference[circle].radius", "number", "", "m", 0, 1e3, true, "", "radius", into<&ReferenceScene::radius>},
     Key{"reference[circle].speed", "number", "", "rad/s", -1e4, 1e4, false, "", "counter-clockwise positive", into<&ReferenceScene::speed>},

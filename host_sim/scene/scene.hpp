@@ -67,6 +67,7 @@ struct ReferenceScene {
   std::optional<std::array<double, 2>> position;                   // hold
   std::vector<PathPoint> table;                                    // file
   ProgramScene program;
+  bool unattended = false;       // it may run without a console
   std::optional<double> join;    // s; unset: 0 in sim and lockstep, 1 on hardware
   std::uint32_t first_tick = 0;  // of it at t = 0: `esmc check` looks at parts of a scene
 };

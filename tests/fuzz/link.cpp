@@ -72,6 +72,7 @@ class Run {
     desk_.base = base;
     desk_.session = config_.session;
     if (has_store_) link_.store_status({.state = store_});
+    if (more()) link_.capture_into(memory_);
     begin();
   }
   void go() {
@@ -322,7 +323,7 @@ class Run {
   void told(const CanFrame& f) const {
     require(hal::well_formed(f) && !f.extended && !f.remote && !f.fd && f.size == 8,
             "classic frames of eight bytes");
-    require(f.id >= base + 0x10 && f.id <= base + 0x1D, "telemetry");
+    require(f.id >= base + 0x10 && f.id <= base + 0x1E, "telemetry");
     if (f.id != base + Desk::status) return;
     require(f.data[7] != 0 && f.data[0] == seal_of(f, f.data[7]), "Status has a session and a checksum");
     require(f.data[1] / 16 == static_cast<unsigned>(supervisor_.state()) &&
@@ -334,6 +335,7 @@ class Run {
     require((f.data[3] & 3U) == reaction, "Status says what was done");
   }
 
+  std::array<link::CaptureRecord, 12> memory_{};
   fuzz::Bytes& in_;
   unsigned choice_;
   link::LinkConfig config_;

@@ -231,7 +231,7 @@ def self_test(program):
     wrong = [(r"SG_ Tick : 32\|24", "SG_ Tick : 32|23"), (r'(?<=Fault )0 "none" 1 "feedback_not_finite"', '0 "none" 1 "nothing"'),
              (r'8 "fault" ;', '8 "failed" ;'), (r"\(1e-06,0\)", "(1e-05,0)"), (r"SIG_VALTYPE_ 1939 Value : 1;", ""),
              (r"BO_ 1937 Fault_Record", "BO_ 1951 Fault_Record"), (r"SG_ Drive_Error : 32\|32@1\+", "SG_ Drive_Error : 32|32@0+"),
-             (r"SG_ Space : 12\|1@", "SG_ Space : 13|1@"), (r"\Z", 'BO_ 1950 More: 8 Controller\n SG_ A : 0|8@1+ (1,0) [0|1] "" Supervisor\n'),
+             (r"SG_ Space : 12\|1@", "SG_ Space : 13|1@"), (r"\Z", 'BO_ 1951 More: 8 Controller\n SG_ A : 0|8@1+ (1,0) [0|1] "" Supervisor\n'),
              (r"SG_ Count : 16\|16@1\+ \(1,0\)", "SG_ Count : 16|16@1- (1,0)"), (r"(?<=Store )0 \"none\"", '0 "no"'),
              (r"SG_ Slot_2 : 24\|8", "SG_ Slot_2 : 16|8"), (r'10 "forget"', '10 "erase"'), (r'VERSION "1"', 'VERSION "2"'),
              (r"SG_ Fault : 16\|8@1\+ \(1,0\) \[0\|31\]", "SG_ Fault : 16|8@1+ (1,0) [0|30]")]

@@ -81,8 +81,13 @@ void encode() {
            {"Value", number(x)}});
     print("Parameter_Table", encode_parameter_table(base, r.drive_error, static_cast<std::uint8_t>(6 * i)),
           {{"Crc32", number(r.drive_error)}, {"Count", number(6 * i)}});
-    print("Identity", encode_identity(base, ~r.drive_error),
-          {{"Scene", number(~r.drive_error)}, {"Version", number(protocol_version)}});
+    print("Identity", encode_identity(base, ~r.drive_error, i % 2 == 0),
+          {{"Scene", number(~r.drive_error)},
+           {"Version", number(protocol_version)},
+           {"Unattended", i % 2 == 0 ? 1.0 : 0.0}});
+    const CapturePart part{static_cast<std::uint8_t>(6 * i), 0, 1, 2, 3, 255};
+    print("Capture", encode_capture(base, static_cast<std::uint16_t>(1640 * i + 3), part),
+          {{"Part", number(3)}, {"Record", number(410 * i)}, {"Bytes", number(6 * i + 0xFF03'0201'0000)}});
     const StoreStatus t{static_cast<StoreState>(i % 7),
                         static_cast<std::uint8_t>(i % 3),
                         {static_cast<SlotContent>(i % 6), static_cast<SlotContent>((i + 2) / 3 % 6)},

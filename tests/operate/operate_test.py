@@ -74,7 +74,7 @@ class Bench(unittest.TestCase):
         long = self.wire.bus if ":" in self.wire.bus else "socketcan:" + self.wire.bus
         self.plant = self.start("plant", SCENE, "--bus", long, "--realtime", *self.sets)
         self.controller = (self.start(self.wire.bus, program=self.board) if self.board else
-                           self.start("controller", SCENE, "--bus", long, "--realtime", *self.sets))
+                           self.start("controller", SCENE, "--bus", long, "--realtime", *self.sets, "--out", Path(self.folder.name, "controller")))
         self.ear.wait(lambda: self.ear.statuses, "Status")
 
     def start(self, *arguments, program=ESMC):
@@ -169,11 +169,105 @@ class Operate(Bench):
         self.refused("out_of_bounds", "goto", "0.03", "0.27")
         self.refused("out_of_bounds", "goto", "9", "0")
         self.refused("out_of_bounds", "jog", "x", "0.3")
-        self.refused("other_space", "jog", "1", "0.1")
+        self.refused("other_space", "jog", "1", "0.1", scene=False)
+        self.refused("out_of_bounds", "jog", "1", "9", "0.1")
         self.assertEqual(self.status()["state"], "disabled")
         # Up to the limit of the scene, and no further: no fault.
         self.assertIn("at the scene's limit", self.good("jog", "y", "0.1", "30"))
         self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+    def file(self, name, reference, scene=None):
+        """SCENE with another reference."""
+        text = scene or Path(SCENE).read_text(encoding="utf-8")
+        begin = text.index("[reference]")
+        path = Path(self.folder.name, name)
+        path.write_text(text[:begin] + "[reference]\n" + reference + text[text.index("\n[", begin):], encoding="utf-8")
+        return path
+
+    def ends_at(self, out, x, y):
+        at = [float(v) for v in out.split("end of the path: ", 1)[1].split()[:2]]
+        self.assertTrue(abs(at[0] - x) < 5e-6 and abs(at[1] - y) < 5e-6, out)
+
+    def test_streams_that_the_console_converts_and_plans(self):
+        """A joint, where the controller takes x and y; a line and a program of another file."""
+        before = [j["angle"] for j in self.status()["joints"]]
+        self.good("jog", "theta11", "0.2", "1")
+        moved = [j["angle"] - a for j, a in zip(self.status()["joints"], before)]
+        self.assertTrue(0.05 < moved[0] < 0.4 and abs(moved[-1]) < 0.03, moved)
+
+        line = self.file("line.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 2.0\n')
+        out = self.good("run", line)
+        self.assertIn("at 0.050000 0.180000", out)
+        self.ends_at(out, -0.02, 0.2)
+        program = self.file("program.toml", 'type = "program"\nfrom = [0.0, 0.2]\n[[reference.moves]]\nmove = "line"\nto = [0.05, 0.2]\nspeed = 0.1\n'
+                            'acceleration = 0.5\njerk = 5.0\n[[reference.moves]]\nmove = "arc"\nvia = [0.06, 0.19]\nto = [0.05, 0.18]\nspeed = 0.1\nacceleration = 0.5\njerk = 5.0\n')
+        self.ends_at(self.good("run", program), 0.05, 0.18)
+        self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+        # What the controller would not take is refused before anything moves.
+        self.refused("out_of_bounds", "run", self.file("fast.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 0.2\n'))
+        self.refused("out_of_bounds", "run", self.file("far.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.1, 0.04]\nduration = 9.0\n'))
+        other = Path(SCENE).read_text(encoding="utf-8").replace("m1 = 0.1", "m1 = 0.2")
+        self.refused("other_scene", "run", self.file("other.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 2.0\n', other))
+        for file in (self.file("round.toml", 'type = "circle"\ncenter = [0.0, 0.17]\nradius = 0.02\nspeed = 1.0\n'), "missing.toml"):
+            self.assertEqual(self.console("run", file)[0], 2, file)
+        self.assertEqual(self.console("run", line, scene=False)[0], 2)
+        self.assertEqual(self.status()["state"], "disabled")
+
+        # A console that dies in the middle of it.
+        slow = self.file("slow.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 600.0\n')
+        run = self.start("operate", self.wire.bus, SCENE, *SETS, "run", slow)
+        self.ear.wait(lambda: len([1 for c in self.ear.console if c[1] == BASE + 3]) > 50 and self.ear.statuses[-1][1] == "running", "samples")
+        run.kill()
+        run.wait()
+        self.lost(min(SILENCE, 100))
+        self.good("reset")
+
+    def test_the_last_ticks(self):
+        """Of a run that ends in a fault, against what the controller itself has logged."""
+        folder = Path(self.folder.name)
+        console = self.armed()
+        self.refused("not_now", "capture", folder / "early")
+        self.good("goto", "0.05", "0.18")
+        armed = self.ear.statuses[-1][0]
+        self.ear.wait(lambda: self.ear.statuses[-1][0] > armed + 2 * RATE, "Status")  # arming is further back than is kept
+        self.good("goto", "0.04", "0.18")
+        self.wire.send(BASE + 0x15, bytes(8))
+        console.wait(PATIENCE)
+        self.ear.state("fault")
+        self.good("capture", folder / "ticks")
+        self.good("capture", folder / "ticks")  # again, and the same
+        self.good("reset")
+        self.good("capture", folder / "later")
+        text = (folder / "ticks/capture.csv").read_text(encoding="ascii")
+        self.assertEqual((folder / "later/capture.csv").read_text(encoding="ascii"), text)
+        names = text.splitlines()[0].split(",")
+        ticks = [dict(zip(names, line.split(","))) for line in text.splitlines()[1:]]
+        self.assertEqual(len(ticks), 2 * RATE)
+        self.assertEqual({int(b["tick"]) - int(a["tick"]) for a, b in zip(ticks, ticks[1:])}, {1})
+        self.assertEqual((ticks[-1]["state"], ticks[-1]["fault"]), ("fault", "foreign_controller"))
+        running = [k for k in ticks if k["state"] == "running"]
+        self.assertEqual(len(ticks) - len(running), 2 * RATE // 8 + 1)
+        self.assertEqual({k["fault"] for k in running}, {"none"})
+        self.assertTrue(any(k["obeyed"] == "1" for k in running))
+
+        # The end of the controller's log, as it leaves it at Ctrl-C.
+        self.controller.send_signal(signal.SIGINT)
+        self.controller.wait(PATIENCE)
+        log = (folder / "controller/log.csv").read_text(encoding="ascii").splitlines()
+        columns = log[0].split(",")
+        rows = [dict(zip(columns, line.split(","))) for line in log[1:]]
+        rows = [r for r in rows if r["state"] == "running"][-len(running):]
+        self.assertEqual(len(rows), len(running))
+        step = 2.0 / 32767  # control.torque_limit
+        for kept, row in zip(running, rows):
+            for i, joint in ((1, "theta11"), (2, "theta21")):
+                self.assertAlmostEqual(float(kept[f"angle{i}"]), float(row[joint]), delta=0.6e-6)
+            for i in (1, 2):
+                self.assertAlmostEqual(float(kept[f"tau{i}"]), float(row[f"tau{i}1"]), delta=0.51 * step)
+            for x in "xy":
+                self.assertAlmostEqual(float(kept[x + "_error"]), float(row[x + "_ref"]) - float(row[x]), delta=0.6e-6)
+        self.assertGreater(max(abs(float(k["tau1"])) for k in running), 10 * step)
 
     def test_two_consoles_and_how_they_end(self):
         first = self.armed()
@@ -383,9 +477,33 @@ class BaseJoints(Bench):
         self.assertTrue(abs(a - 1.7) < 0.02 and abs(b - 1.5) < 0.02, out)
         a, b = map(float, out.rsplit("holds near ", 1)[1].split()[:2])
         self.assertTrue(abs(a - 1.6) < 0.06 and abs(b - 1.6) < 0.06, out)
-        self.refused("other_space", "jog", "x", "0.1")
+        x, y = self.status()["effector"]
+        self.good("jog", "x", "-0.005", "1")
+        after = self.status()["effector"]
+        self.assertTrue(-0.01 < after[0] - x < -0.002 and abs(after[1] - y) < 1e-3, (x, y, after))
         self.refused("not_now", stdin="run\ngoto 1.7 1.5\n")
         self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
+
+
+class Unattended(Bench):
+    """The scene's own reference goes on without a console, and nothing else does."""
+    sets = [*SETS, "--set", "reference.unattended=true", "--set", "reference.speed=0.2"]
+
+    def test_a_reference_that_needs_nobody(self):
+        self.assertIn("running unattended", self.good("run"))
+        begin = len(self.ear.statuses)
+        self.ear.wait(lambda: len(self.ear.statuses) > begin + 3 * SILENCE, "Status")
+        self.assertEqual(self.ear.statuses[-1][1:], ("running", 0))
+        self.good("halt")
+        self.ear.state("disabled")
+        console = self.armed()  # for set points
+        console.kill()
+        console.wait()
+        begin = len(self.ear.statuses)
+        self.ear.state("fault", begin)
+        self.assertEqual(self.status()["fault"], "command_lost")
+        self.good("reset")
+        self.refused("other_scene", "status", sets=SETS)
 
 
 @unittest.skipUnless(BOARD, "no board")
@@ -403,6 +521,11 @@ class Board(Bench):
         console.kill()
         console.wait()
         self.ear.state("fault")
+        folder = Path(self.folder.name, "ticks")
+        self.good("capture", folder)
+        ticks = (folder / "capture.csv").read_text(encoding="ascii").splitlines()
+        self.assertEqual(len(ticks), 1 + 64)  # ESMC_CAPTURE_TICKS of this image
+        self.assertTrue(ticks[-1].endswith(",command_lost,halting") or ticks[-1].endswith(",command_lost,fault"), ticks[-1])
         self.assertIn("acknowledges command_lost", self.good("reset"))
         self.assertEqual(self.status()["state"], "disabled")
 

@@ -112,8 +112,8 @@ class ControlLoop {
   }
 
   /// One tick: measure, compute, move the plant.
-  const TickResult<M>& tick() {
-    supervisor_.begin_tick(Command::none, {true, false}, result_.stage_done);
+  const TickResult<M>& tick(Command command = Command::none, DriveStatus drives = {true, false}) {
+    supervisor_.begin_tick(command, drives, result_.stage_done);
     for (int joint = 0; joint < 4; ++joint) {
       const auto u = static_cast<std::size_t>(joint);
       const auto shaft = motion_.shaft(u);
@@ -138,6 +138,8 @@ class ControlLoop {
   [[nodiscard]] const Sample<M>& sample() const { return sample_; }
   [[nodiscard]] const Controller<M>& controller() const { return controller_; }
   [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
+  [[nodiscard]] Controller<M>& controller() { return controller_; }
+  [[nodiscard]] Supervisor& supervisor() { return supervisor_; }
   [[nodiscard]] int ticks() const { return n_; }
   /// Where the mechanism truly is, and how fast it moves.
   [[nodiscard]] Plant::Output truth() const { return motion_.output(); }

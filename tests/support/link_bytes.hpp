@@ -35,7 +35,7 @@ struct Desk {
                             resume = 20;
   static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14,
                             counts = 0x15, effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C,
-                            slots = 0x1D;
+                            slots = 0x1D, capture = 0x1E;
 
   unsigned base = 0x780;
   std::uint8_t session = 1;

@@ -314,6 +314,73 @@ TEST(CycleLink, AComputerThatIsGoneEndsEveryArmedState) {
   }
 }
 
+/// What is kept of a tick is its measured angles, its torques and its errors, to the step of each number.
+template <class M>
+void keeps_ticks() {
+  constexpr double limit = 3.0;  // N m
+  auto s = with_link<M>();
+  auto values = s.link.parameters.values();
+  values[static_cast<unsigned>(link::Index::torque_limit_1)] = static_cast<float>(limit);
+  values[static_cast<unsigned>(link::Index::torque_limit_2)] = static_cast<float>(limit);
+  s.link.parameters = link::Parameters(values, s.link.parameters.bounds());
+  Linked<M> l(s);
+  std::vector<link::CaptureRecord> memory(400);
+  l.rig.cycle.link().capture_into(memory);
+  l.arm_for_set_points();
+  std::vector<TickResult<M>> results;
+  std::vector<Sample<M>> samples;
+  l.tick({l.desk.pair(Desk::point, 50'000, 150'000, M::joints == 4 ? 0 : 1)});
+  for (int i = 0; i < 150; ++i) {
+    l.rig.cycle.late_by(static_cast<std::uint32_t>(i));
+    l.rig.angle[0] += 1e-4;
+    results.push_back(l.tick());
+    samples.push_back(l.rig.cycle.sample());
+  }
+  l.tick({l.desk.order(Desk::off)});
+  l.until_told(static_cast<unsigned>(State::disabled));
+  std::vector<std::uint8_t> bytes;
+  for (unsigned block = 0; block < 7; ++block) {
+    l.desk.heard.clear();
+    l.tick({l.desk.ask(3, block)});
+    for (int i = 0; i < 1500; ++i) l.tick();
+    for (const auto& f : l.desk.heard) {
+      if (f.id == 0x780 + Desk::capture && Desk::word(f, 0, 2) != 0xFFFF)
+        bytes.insert(bytes.end(), f.data.begin() + 2, f.data.begin() + 8);
+    }
+  }
+  ASSERT_EQ(bytes.size() % 24, 0U);
+  const auto number = [&](std::size_t row, std::size_t at, std::size_t n) {
+    std::int64_t v = 0;
+    for (std::size_t i = n; i-- > 0;) v = v * 256 + bytes[24 * row + at + i];
+    return static_cast<double>(v >= (std::int64_t{1} << (8 * n - 1)) ? v - (std::int64_t{1} << (8 * n)) : v);
+  };
+  std::size_t row = 0;  // of the first of `results`: the only ticks that are late, but for the first
+  while (row < bytes.size() / 24 && number(row, 20, 2) != 1.0) ++row;
+  ASSERT_GE(row, 1U);
+  --row;
+  ASSERT_LE(row + results.size(), bytes.size() / 24);
+  bool torque = false;
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    for (int j = 0; j < 2; ++j) {
+      const int joint = j * M::joints / 2;
+      const auto u = static_cast<std::size_t>(j);
+      ASSERT_NEAR(number(row + i, 4 + 3 * u, 3) * 1e-6, static_cast<double>(samples[i].angle[joint]), 0.8e-6)
+          << i;
+      ASSERT_NEAR(number(row + i, 10 + 2 * u, 2) / 32767 * limit,
+                  static_cast<double>(results[i].torque[joint]), 0.51 * limit / 32767);
+      ASSERT_NEAR(number(row + i, 14 + 3 * u, 3) * 1e-6,
+                  static_cast<double>(results[i].desired_effector[j] - results[i].effector[j]), 0.8e-6);
+      torque = torque || results[i].torque[joint] != 0;
+    }
+    ASSERT_EQ(bytes[24 * (row + i) + 23] & 15U, static_cast<unsigned>(results[i].state));
+    ASSERT_EQ(number(row + i, 20, 2), static_cast<double>(i));
+    ASSERT_EQ(number(row + i, 0, 4), number(row, 0, 4) + static_cast<double>(i));
+  }
+  EXPECT_TRUE(torque);
+}
+TEST(CycleLink, KeepsTheTicksOfAFiveBar) { keeps_ticks<FiveBar<double>>(); }
+TEST(CycleLink, KeepsTheTicksOfAnArm) { keeps_ticks<Rr<float>>(); }
+
 TEST(CycleLink, GainsReachTheLaw) {
   const auto torque = [](std::optional<float> lambda) {
     Linked<FiveBar<double>> l;

@@ -87,7 +87,8 @@ TEST(LinkCodec, WritesAndQuestions) {
   EXPECT_EQ(ask(0, 2, {0, 0, 0, 0})->subject, Subject::table);
   EXPECT_EQ(ask(0, 1, {0, 0, 0, 0})->index, 9);
   EXPECT_FALSE(ask(0x10, 1, {0, 0, 0, 0}));
-  EXPECT_FALSE(ask(0, 3, {0, 0, 0, 0}));
+  EXPECT_EQ(ask(0, 3, {0, 0, 0, 0})->subject, Subject::capture);
+  EXPECT_FALSE(ask(0, 4, {0, 0, 0, 0}));
   for (std::size_t i = 0; i < 4; ++i) {
     Bytes rest(4, 0);
     rest[i] = 1;
@@ -160,7 +161,8 @@ TEST(LinkCodec, CountersAndFloats) {
 }
 
 TEST(LinkCodec, IdentityIsCheckedWhole) {
-  const hal::CanFrame f = encode_identity(base, 0x04030201U);
+  EXPECT_EQ(encode_identity(base, 1, true).data[5], 1);
+  const hal::CanFrame f = encode_identity(base, 0x04030201U, false);
   EXPECT_EQ(bytes_of(f, base + 0x1C), (Bytes{1, 2, 3, 4, 1, 0, 0, 0}));
   EXPECT_EQ(decode_identity(f, base), 0x04030201U);
   EXPECT_FALSE(decode_identity(f, base + 32));

@@ -111,7 +111,7 @@ TEST(Link, BitsWithoutAMeaningAreMalformed) {
   EXPECT_EQ(with(Desk::write, 0, 1), Outcome::malformed);
   EXPECT_EQ(with(Desk::write, 0x100, 0), Outcome::malformed);
   EXPECT_EQ(with(Desk::request, 0, 1), Outcome::malformed);
-  EXPECT_EQ(with(Desk::request, 3, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::request, 4, 0), Outcome::malformed);
   EXPECT_EQ(with(Desk::request, 0x10000, 0), Outcome::malformed);
   EXPECT_EQ(b.supervisor.state(), State::running);
 }
