@@ -17,7 +17,7 @@ JogStream::JogStream(Connection& connection, link::Space space, const std::array
 
 bool JogStream::begin() {
   const auto give_up = Connection::Clock::now() + std::chrono::seconds(20);
-  while (!link_.status().streaming && link_.status().state == State::running && !stop_requested()) {
+  while (!link_.status().streaming && link_.status().state == State::running && !link_.stopped()) {
     if (Connection::Clock::now() > give_up) return false;
     step(0.0);
   }

@@ -38,6 +38,7 @@ struct ControllerNews {
   std::vector<link::FaultRecord> faults;  ///< of the last readout, or since then
   bool readout_over = false;
   std::uint32_t statuses = 0, counter_frames = 0, telemetry = 0;  ///< frames heard
+  std::uint64_t ticks = 0;   ///< of the controller since the first Status, unless it starts again
   std::uint32_t others = 0;  ///< orders and signs of life of another computer
 };
 

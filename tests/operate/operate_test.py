@@ -1,12 +1,15 @@
 #!/usr/bin/python3
 """`esmc operate` against `esmc controller` and `esmc plant`: three processes on one bus, every frame heard by this program.
-usage: operate_test.py ESMC SCENE slcan | INTERFACE [BOARD] [unittest args]   BOARD: the program of boards/linux
+usage: operate_test.py ESMC SCENE slcan | INTERFACE [BOARD] [unittest args]
+BOARD: the program of boards/linux, or an image (.elf) for QEMU, with SCENE in it
 Nothing depends on the clock: waits end when what they wait for has come, and reactions are counted in the controller's ticks."""
 import json
 import os
 import pty
+import re
 import select
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -27,6 +30,9 @@ COMMAND_LOST, FOREIGN = 26, 11
 SETS = [a for s in ("control.law=esmc", "control.reaching=implicit", "control.lambda=5.0", "control.gain=20.0", "command.lambda=[1.0, 40.0]",
                     "command.gain=[5.0, 100.0]", "command.speed=0.2", "command.acceleration=1.0", "limits.workspace={ x = [-0.15, 0.15], y = [0.05, 0.26] }",
                     "command.timeout=2.0", "reference.speed=1.0", "simulation.duration=900") for a in ("--set", s)]
+# Of the drives' joints: without it the mechanism would drift for ever once there is no torque.
+FRICTION = ["--set", 'effects=[{type="viscous_friction", coefficient=[0.02, 0.02]}]']
+SETS += FRICTION
 RATE = 100 if WHERE == "slcan" else 25  # Hz; in a user-mode kernel a call may take a quarter of a millisecond
 SETS += ["--set", f"control.rate_hz={RATE}"]
 SILENCE = 2 * RATE  # ticks: command.timeout
@@ -72,8 +78,14 @@ class Bench(unittest.TestCase):
         self.addCleanup(self.wire.close)
         long = self.wire.bus if ":" in self.wire.bus else "socketcan:" + self.wire.bus
         self.plant = self.start("plant", SCENE, "--bus", long, "--realtime", *self.sets)
-        self.controller = (self.start(self.wire.bus, program=self.board) if self.board else
-                           self.start("controller", SCENE, "--bus", long, "--realtime", *self.sets))
+        if self.board and self.board.endswith(".elf"):
+            # An instruction is 8 ns of the image's time, and the emulator waits for nobody.
+            self.controller = self.start("-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=3,sleep=off", "-kernel", self.board,
+                                         "-serial", self.wire.bus.removeprefix("slcan:"), program="qemu-system-arm")
+        elif self.board:
+            self.controller = self.start(self.wire.bus, program=self.board)
+        else:
+            self.controller = self.start("controller", SCENE, "--bus", long, "--realtime", *self.sets)
         self.ear.wait(lambda: self.ear.statuses, "Status")
 
     def start(self, *arguments, program=ESMC):
@@ -211,6 +223,32 @@ class Operate(Bench):
         self.assertEqual(jog.returncode, 0, out)
         self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
 
+    def test_points(self):
+        """Taught where it stands, without torque and under it; kept in a file that people may edit."""
+        file = Path(self.folder.name, "mine.toml")
+        keep = ["--points", str(file)]
+        self.assertEqual(self.good("points", options=keep), "")
+        self.assertIn("start = 0.07", self.good("teach", "start", options=keep))
+        out = self.good(stdin="arm\ngoto 0.05 0.2\nteach over\ngoto start\ngoto over\nhalt\n", options=keep)
+        told = [line for line in out.splitlines() if line.startswith("at ")]
+        start = [float(v) for v in re.search(r"start = (\S+) (\S+)", self.good("points", options=keep)).groups()]
+        self.assertAt("\n".join(told), (0.05, 0.2), start, (0.05, 0.2))
+        text = file.read_text(encoding="ascii")
+        self.assertRegex(text, """space = ["']effector["']""")
+        file.write_text(text + "by-hand = [0.03, 0.18]\n", encoding="ascii")
+        self.assertEqual(len(self.good("points", options=keep).splitlines()), 3)
+        self.assertAt(self.good("goto", "by-hand", options=keep), (0.03, 0.18))
+        self.refused("there is no point 'nowhere'", "goto", "nowhere", code=2, options=keep)
+        for name in ("", "1a", "a b", "a\nb", "ä", "x" * 33, "../x"):
+            self.assertEqual(self.console("teach", name, options=keep)[0], 2, name)
+        for bad in ('space = "effector"\n[points]\nx = [1.0]\n', 'space = "base_joints"\n', 'space = "effector"\n[points]\nx = [nan, 0.0]\n',
+                    'space = "effector"\nmore = 1\n', "what", 'space = "effector"\n[points]\n"1a" = [0.0, 0.1]\n'):
+            file.write_text(bad, encoding="ascii")
+            self.refused(str(file), "points", code=2, options=keep)
+        self.good("halt", options=keep)  # whatever the file says
+        self.assertEqual(self.status()["state"], "disabled")
+        self.refused("points are kept", "teach", "here", code=2, scene=False)
+
     def lost(self, ticks):
         """The console has gone silent: rest, by the controller's own count of ticks."""
         begin = len(self.ear.statuses)
@@ -304,7 +342,8 @@ class Operate(Bench):
     def test_record(self):
         console = self.armed()
         out = Path(self.folder.name, "record")
-        recorder = self.start("operate", self.wire.bus, SCENE, *SETS, "record", out)
+        mcap = Path(self.folder.name, "record.mcap")
+        recorder = self.start("operate", self.wire.bus, SCENE, *SETS, "--mcap", mcap, "record", out)
         self.good("goto", "0.05", "0.18")
         self.good("goto", "0.04", "0.18")
         recorder.send_signal(signal.SIGINT)
@@ -318,6 +357,21 @@ class Operate(Bench):
         self.assertTrue(all(float(a["t"]) <= float(b["t"]) for a, b in zip(rows, rows[1:])))
         self.assertTrue(any(abs(float(r["x"]) - 0.05) < 5e-3 for r in rows))
         self.assertGreater((out / "frames.log").read_text(encoding="ascii").count(" 790#"), 10)
+        sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "peers"))
+        import mcap_test  # pylint: disable=import-outside-toplevel  # numpy takes seconds in a user-mode kernel
+        if mcap_test.HERE.joinpath("node_modules/@mcap/core").exists():
+            self.equal_rows(rows, mcap_test.read(mcap)[1])
+
+    def equal_rows(self, rows, by_topic):
+        """The same rows in both files: the one with topics begins with the connection."""
+        names = {"/effector": ("x", "y", "x_error", "y_error"), "/joints": ("theta11", "theta21"), "/torques": ("tau11", "tau21")}
+        told = [tuple(v[n] for topic, list_ in names.items() for v in (by_topic[topic][i][1],) for n in list_) + (state["state"],)
+                for i, (_, state) in enumerate(by_topic["/controller"])]
+        wanted = [tuple(struct.unpack("f", struct.pack("f", float(r[n])))[0] for n in ("x", "y", "x_error", "y_error", "angle1", "angle2", "tau1", "tau2")) +
+                  (r["state"],) for r in rows]
+        first = next((i for i in range(len(told)) if told[i:i + len(wanted)] == wanted), None)
+        self.assertIsNotNone(first, (told[:2], wanted[:2]))
+        self.assertGreater(len(by_topic["/can"]), len(told))
 
     def test_a_prompt_at_a_terminal(self):
         """With completion and history."""
@@ -372,11 +426,14 @@ class BaseJoints(Bench):
 
 @unittest.skipUnless(BOARD, "no board")
 class Board(Bench):
-    """The program of boards/linux, with the scene in it, as the controller."""
-    sets, board = ["--set", "simulation.duration=900"], BOARD
+    """The program of boards/linux, or an image for a Cortex-M4F, with the scene in it, as the controller."""
+    sets, board = [*FRICTION, "--set", "simulation.duration=900"], BOARD
 
     def test_from_arming_to_a_dead_console(self):
-        self.assertEqual(self.status()["state"], "disabled")
+        first = self.status()
+        self.assertEqual((first["state"], first["fault"], first["faults"]), ("disabled", "none", []))
+        self.assertEqual(self.status(scene=False)["scene"], first["scene"])
+        self.assertAlmostEqual(first["effector"][0], 0.07, 3)
         self.refused("no_store", "store")
         self.refused("read_only", "set", "control.lambda", "11")
         self.assertAt(self.good(stdin="arm\ngoto 0.065 0.17\njog x 0.005 1\nhold\nhalt\n"), (0.065, 0.17))
@@ -385,8 +442,32 @@ class Board(Bench):
         console.kill()
         console.wait()
         self.ear.state("fault")
+        self.refused("command_lost", "arm")
         self.assertIn("acknowledges command_lost", self.good("reset"))
         self.assertEqual(self.status()["state"], "disabled")
+
+    def test_program_halt_fault_off(self):
+        """The scene's reference, and every way in which it ends."""
+        running = self.start("operate", self.wire.bus, SCENE, *self.sets, "run")
+        self.ear.state("running")
+        self.assertEqual(self.status()["source"], "reference")
+        self.refused("not_now", "goto", "0.065", "0.17")
+        self.good("halt")
+        self.assertEqual(running.wait(PATIENCE), 0, self.said(running))
+        self.assertEqual(self.status()["state"], "disabled")
+
+        running = self.armed()
+        self.wire.send(BASE + 0x15, bytes(8))  # a second controller
+        self.assertEqual(running.wait(PATIENCE), 1)
+        self.assertIn("esmc: foreign_controller", self.said(running))
+        status = self.status()
+        self.assertEqual((status["state"], status["faults"][0]["name"]), ("fault", "foreign_controller"))
+        self.assertIn("acknowledges foreign_controller", self.good("reset"))
+
+        running = self.armed()
+        self.good("off")
+        self.assertEqual(running.wait(PATIENCE), 0, self.said(running))
+        self.assertEqual((self.status()["state"], self.status()["fault"]), ("disabled", "none"))
 
 
 if __name__ == "__main__":
