@@ -1,4 +1,5 @@
-/// The image of the emulated boards, in lockstep with `esmc plant`. Without hardware it arms by itself.
+/// The image of the emulated boards, in lockstep with `esmc plant`. Without hardware it arms by itself,
+/// unless the scene leaves that to a supervisor computer.
 
 #include "boards/capture.hpp"
 #include "boards/cortex_m/crash.hpp"
@@ -13,7 +14,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static baked::Node node(baked::config(1));
   keep_ticks(node);
   // After a crash it stays disabled; the record remains in memory for a debugger.
-  if (!crash_record.sealed()) node.command(Command::enable);
+  if (!baked::armed_by_link && !crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);
   for (;;) loop.turn();
 }

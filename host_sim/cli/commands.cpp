@@ -40,6 +40,10 @@ void add_run_options(CLI::App& c, RunOptions& o) {
   add_json(c, o.json);
   add_seed(c, o.seed, "of the random effects; the same seed gives the same run");
 }
+void add_mcap(CLI::App& c, std::string& file) {
+  c.add_option("--mcap", file, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
+      ->type_name("FILE");
+}
 void add_log(CLI::App& c, RunOptions& o) {
   c.add_option_function<std::string>(
        "--log", [&npy = o.log.npy](const std::string& s) { npy = s == "npy"; },
@@ -49,8 +53,7 @@ void add_log(CLI::App& c, RunOptions& o) {
   c.add_option("--log-every", o.log.every, "a row of the log at every so many ticks")
       ->check(CLI::Range(1, 1'000'000'000))
       ->capture_default_str();
-  c.add_option("--mcap", o.mcap, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
-      ->type_name("FILE");
+  add_mcap(c, o.mcap);
 }
 void add_bus(CLI::App& c, RunOptions& o) {
   c.add_option("--bus", o.bus, bus_forms)->required();
@@ -67,7 +70,8 @@ struct ExportOptions {
 };
 struct BakeOptions {
   RunOptions run;
-  std::string board;  ///< name in board_costs.hpp; empty: no budget is checked
+  std::string board;      ///< name in board_costs.hpp; empty: no budget is checked
+  bool lockstep = false;  ///< also where a console arms
 };
 using Word = std::string;  // the one argument of a command without options
 
@@ -170,9 +174,11 @@ int run_bake(const BakeOptions& o) {
   scene.hardware = o.run.realtime;
   const bool observes = o.run.realtime && armed_by_link(scene) && !scene.drives.confirmed.value_or(false);
   if (!observes) require_confirmed(scene);
-  if (armed_by_link(scene) && !o.run.realtime) {
-    throw InputError(scene.control_where,
-                     "command.arm = \"link\" needs --realtime: in lockstep no console arms the image");
+  if (armed_by_link(scene) && !o.run.realtime && !o.lockstep) {
+    throw InputError(
+        scene.control_where,
+        "command.arm = \"link\" needs --realtime: in lockstep no console arms the image, unless it "
+        "is an emulated one (--lockstep) beside a plant in real time");
   }
   if (!o.board.empty()) require_budget(scene, o);
   if (const std::string why = refusal_of(scene); !why.empty())
@@ -288,6 +294,10 @@ void add_operate(Program& p) {
   add_sets(c, o.sets);
   c.add_option("--bitrate", o.bit_rate, "of an slcan adapter without SCENE, bit/s")->capture_default_str();
   add_json(c, o.json, "print the controller's status as one JSON document, and nothing else");
+  add_mcap(c, o.mcap);
+  c.add_option("--points", o.points, "file of taught points (default: SCENE with .points.toml)");
+  c.add_flag("--page", o.page, "serve the operator's page to browsers on this machine, until Ctrl-C");
+  c.add_option("--port", o.port, "of the page, on 127.0.0.1; 0: a free one")->check(CLI::Range(0, 65535));
   c.footer(operate_commands_text());
 }
 
@@ -326,6 +336,9 @@ void add_scene_commands(Program& p) {
   add_scalar(bake, bake_options.run.single_precision, ": of the controller");
   bake.add_flag("--realtime", bake_options.run.realtime,
                 "ticks by the board's clock, for real drives; else lockstep with esmc plant");
+  bake.add_flag("--lockstep", bake_options.lockstep,
+                "lockstep also where command.arm is \"link\": an emulated board beside esmc plant --realtime")
+      ->excludes("--realtime");
   std::vector<std::string> names;
   for (const Board& b : boards) names.emplace_back(b.name);
   bake.add_option("--board", bake_options.board,
@@ -495,6 +508,8 @@ void add_live(Program& p) {
        "--bus", o.run.bus,
        "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
       ->capture_default_str();
+  c.add_option("--mcap", o.run.mcap, "file for all samples as MCAP, for Foxglove and the like")
+      ->type_name("FILE");
   add_json(c, o.run.json, "print the summary as one JSON document, and the URL on stderr");
 }
 

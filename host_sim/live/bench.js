@@ -3,9 +3,9 @@
 
 (() => {
   const hand = {}, wanted = { hand: null };
-  let socket = null, now = null, scene = null, stale = true, strips = [], kept = null, answerTimer = 0;
+  let send = () => {}, now = null, scene = null, stale = true, strips = [], kept = null, answerTimer = 0;
 
-  const say = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+  const say = (message) => send(message);
   const drawing = new Drawing(byId("mechanism"), ({ at, push, strong }) => { wanted.hand = { at, push, strong }; });
   const control = new ControlPanel(byId("control"), say), effects = new EffectsPanel(byId("effects"), byId("add"), say);
   const faults = new FaultsPanel(byId("faults"), byId("end"), say), keys = new KeysPanel(byId("set"), byId("given"), byId("sets"), say);
@@ -18,6 +18,8 @@
   for (const name of ["stiffness", "damping", "most"]) {
     on(byId(name), "change", () => { const v = Number(byId(name).value); if (v >= 0) hand[name] = v; });
   }
+
+  for (const link of document.querySelectorAll("[data-save]")) Object.assign(link, { href: link.dataset.save + location.search, download: link.dataset.save });
 
   function greet(hello) {
     Object.assign(hand, hello.hand);
@@ -59,7 +61,10 @@
   function hear(message) {
     if (message.hello) greet(message.hello);
     if (message.scene) showScene(message.scene);
-    for (const { t, kind, text } of message.events ?? []) events.add(t, kind, text);
+    for (const { t, kind, text } of message.events ?? []) {
+      events.add(t, kind, text);
+      if (/order|scene/.test(kind)) byId("answer").hidden = true;  // a later order has succeeded
+    }
     for (const text of message.answers ?? []) answer(text);
     if (!message.samples) return;
     kept.add(message.samples);
@@ -91,7 +96,7 @@
     put(query(".symbol"), sign);
     put(byId("state"), word);
     put(byId("why"), now.fault === "none" ? "" : now.fault.replaceAll("_", " "));
-    put(byId("detail"), now.injecting ? "A fault acts." : detail || (now.saturated ? "A torque is at its limit." : ""));
+    put(byId("detail"), now.injecting ? `The fault ${now.injecting.replaceAll("_", " ")} acts${now.state === "enabling" ? ": the drives cannot be armed before it is over. End it" : ""}.` : detail || (now.saturated ? "A torque is at its limit." : ""));
     for (const button of document.querySelectorAll("[data-do]")) {
       const fits = { start: now.state === "disabled", halt: /running|enabling|testing/.test(now.state), stop: !/disabled|fault/.test(now.state), reset: now.state === "fault" }[button.dataset.do];
       button.disabled = fits === false;
@@ -123,20 +128,7 @@
     requestAnimationFrame(picture);
   }
 
-  function connect() {
-    const token = new URLSearchParams(location.search).get("token") ?? "";
-    socket = new WebSocket(`ws://${location.host}/bench?token=${encodeURIComponent(token)}`);
-    on(socket, "message", ({ data }) => hear(JSON.parse(data)));
-    on(socket, "close", () => {
-      byId("verdict").dataset.level = "bad";
-      byId("state").textContent = "not connected";
-      byId("why").textContent = "";
-      byId("detail").textContent = "The bench has ended, or it serves enough pages already.";
-      query(".symbol").textContent = "!";
-      setTimeout(connect, 2000);
-    });
-  }
   onLook(() => { stale = true; strips.forEach((strip) => strip.draw()); });
-  connect();
+  send = connectPage(hear, "The bench has ended, or it serves enough pages already.");
   requestAnimationFrame(picture);
 })();

@@ -5,14 +5,13 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/output.hpp"
+#include "host_sim/web/server.hpp"
 
 namespace esmc::host {
 
@@ -21,14 +20,6 @@ extern const std::string_view live_html, live_css, live_js;
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-std::string with_token(std::string_view page, const std::string& token) {
-  constexpr std::string_view place = "{{token}}";
-  std::string out(page);
-  for (std::size_t at = 0; (at = out.find(place, at)) != std::string::npos;)
-    out.replace(at, place.size(), token);
-  return out;
-}
 
 /// The loop: orders, tick, samples, then sleep until the next tick. It never waits for the server.
 class Runner {
@@ -114,31 +105,25 @@ int run_live(const LiveOptions& o) {
   if (!here) bus.emplace(open_bus(o.run.bus, scene->bitrate, scene->data_bitrate > 0));
   auto exchange = std::make_unique<Exchange>();
   LiveApi api(o.run, scene, *exchange);
-  ServerOptions options;
-  options.port = o.port;
-  options.token = make_token();
-  options.files["/"] = {"text/html; charset=utf-8", with_token(live_html, options.token)};
-  options.files["/live.css"] = {"text/css; charset=utf-8", std::string(live_css)};
-  options.files["/live.js"] = {"text/javascript; charset=utf-8", std::string(live_js)};
+  const ServerOptions options = page_options(o.port, "live", live_html, live_css, live_js);
   const auto server = open_server(options, api);
+  std::optional<RunMcap> mcap;
+  if (!o.run.mcap.empty()) api.record_to(&mcap.emplace(o.run.mcap));
   const auto session = here ? make_live_session(scene) : make_live_plant(scene, *bus);
 
   std::FILE* told = o.run.json ? stderr : stdout;
   fmt::print(told, "http://127.0.0.1:{}/?token={}\n", server->port(), options.token);
   (void)std::fflush(told);
 
-  std::atomic<bool> over{false};
-  std::thread serving([&] { server->run(over); });
   Runner runner(*session, *exchange, api.loop());
-  try {
+  {
+    const ServingThread serving(*server);
     runner.run(o.duration);
-  } catch (...) {
-    over = true;
-    serving.join();
-    throw;
   }
-  over = true;
-  serving.join();
+  if (mcap) {
+    api.on_timer();  // what the server's thread has left
+    mcap->commit();
+  }
   const Json s = summary(*session, runner, api.loop(), server->counts(), api.malformed());
   if (o.run.json) {
     fmt::print("{}", document_text(s));

@@ -1,15 +1,19 @@
 #include "host_sim/live/live_api.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "host_sim/error.hpp"
 #include "host_sim/json_text.hpp"
+#include "host_sim/live/sample_log.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
@@ -20,7 +24,7 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-constexpr std::size_t samples_kept = 20'000, events_kept = 200;
+constexpr std::size_t samples_kept = 120'000, samples_shown = 20'000, events_kept = 200;
 constexpr std::uint64_t samples_at_once = 2000;
 
 /// A message that no page of ours sends.
@@ -59,7 +63,11 @@ std::string per_kind(const PerKind& k) {
 /// A connected page: how far it is up to date, and its hand.
 class Page final : public Client {
  public:
-  explicit Page(LiveApi& api) : api_(api), sample_(api.samples_.first), hand_(api.usual_hand_) {}
+  explicit Page(LiveApi& api)
+      : api_(api),
+        sample_(std::max(api.samples_.first,
+                         api.samples_.end() - std::min(samples_shown, api.samples_.list.size()))),
+        hand_(api.usual_hand_) {}
   ~Page() override {
     if (held_) (void)api_.exchange_.orders.push(Hand{.most = hand_.most});  // releases the pull
   }
@@ -152,7 +160,8 @@ class Page final : public Client {
     }
     Injection o = usual_injection(*row, static_cast<std::size_t>(drive) - 1);
     if (j.contains("ms") && !j["ms"].is_null()) {
-      o.length = static_cast<int>(std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, 1e6));
+      o.length = static_cast<int>(
+          std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, double{for_ever}));
     }
     if (j.contains("amount")) o.amount = number(j["amount"]);
     api_.send(o);
@@ -228,9 +237,44 @@ std::unique_ptr<Client> LiveApi::on_connect() { return std::make_unique<Page>(*t
 
 void LiveApi::on_timer() {
   LiveSample s;
-  while (exchange_.samples.pop(s)) samples_.add(s, samples_kept);
+  while (exchange_.samples.pop(s)) {
+    if (mcap_ != nullptr) mcap_->row(sample_values(s, *scene_), s.state);
+    samples_.add(s, samples_kept);
+  }
   LiveEvent e;
   while (exchange_.events.pop(e)) events_.add(std::move(e), events_kept);
+}
+
+void LiveApi::record_to(RunMcap* file) {
+  mcap_ = file;
+  if (mcap_ != nullptr) mcap_->columns(sample_columns(*scene_));
+}
+
+std::string LiveApi::log_csv() const {
+  std::string out = fmt::format("{}\n", fmt::join(sample_columns(*scene_), ","));
+  for (const LiveSample& s : samples_.list)
+    fmt::format_to(std::back_inserter(out), "{},{}\n", fmt::join(sample_values(s, *scene_), ","), s.state);
+  return out;
+}
+
+std::string LiveApi::log_mcap() const {
+  namespace fs = std::filesystem;
+  const std::string file = (fs::temp_directory_path() / ("esmc-live-" + make_token())).string();
+  RunMcap mcap(file);
+  mcap.columns(sample_columns(*scene_));
+  for (const LiveSample& s : samples_.list) mcap.row(sample_values(s, *scene_), s.state);
+  mcap.commit();
+  std::ifstream in(file, std::ios::binary);
+  std::string out((std::istreambuf_iterator<char>(in)), {});
+  fs::remove(file);
+  return out;
+}
+
+std::unique_ptr<Served> LiveApi::download(std::string_view path) {
+  if (path == "/log.csv") return std::make_unique<Served>("text/csv; charset=utf-8", log_csv());
+  if (path == "/log.mcap") return std::make_unique<Served>("application/octet-stream", log_mcap());
+  if (path == "/scene.toml") return std::make_unique<Served>("application/toml; charset=utf-8", scene_->toml);
+  return nullptr;
 }
 
 void LiveApi::send(LiveOrder o) {

@@ -8,9 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/record/run_mcap.hpp"
 #include "host_sim/record/run_options.hpp"
+#include "host_sim/web/server.hpp"
 
 namespace esmc::host {
 
@@ -21,6 +22,11 @@ class LiveApi final : public Service {
 
   [[nodiscard]] std::unique_ptr<Client> on_connect() override;
   void on_timer() override;
+  /// /log.csv and /log.mcap, of the samples that are kept, and /scene.toml, as it runs now.
+  [[nodiscard]] std::unique_ptr<Served> download(std::string_view path) override;
+  /// Every sample goes to `file` as well, from now on; null: not any more. Before the server runs, or after
+  /// it.
+  void record_to(RunMcap* file);
   /// Number of messages that are no JSON, or that no page sends.
   [[nodiscard]] std::uint64_t malformed() const { return malformed_; }
   /// Set by the loop: late ticks, and samples dropped because the queue was full.
@@ -55,6 +61,8 @@ class LiveApi final : public Service {
   [[nodiscard]] bool injectable(const InjectionRow& row) const;
   [[nodiscard]] std::string scene_json() const;
   [[nodiscard]] std::string hello_json() const;
+  [[nodiscard]] std::string log_csv() const;
+  [[nodiscard]] std::string log_mcap() const;
 
   RunOptions options_;
   std::vector<std::string> given_;  ///< the sets of the command line
@@ -64,6 +72,7 @@ class LiveApi final : public Service {
   History<LiveEvent> events_;
   std::uint64_t scene_number_ = 1, malformed_ = 0;
   LoopCounts loop_;
+  RunMcap* mcap_ = nullptr;
   Hand usual_hand_;
 };
 

@@ -76,7 +76,7 @@ class PlantOnBus : public LiveSession {
     s.holding = hand_.holding;
     s.brake = !plant_->released();
     s.t = now();
-    s.injecting = fault_.active();
+    s.injecting = fault_.active() ? fault_.injection().row->name : std::string_view();
     if (!std::ranges::all_of(o.q, [](double v) { return std::isfinite(v); }) &&
         !std::exchange(diverged_, true)) {
       emit("fault", "the simulated state is not finite any more: home");

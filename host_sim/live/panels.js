@@ -1,4 +1,4 @@
-// Forms of the bench: control, effects, faults, keys, events. `say` sends a message to the loop.
+// Forms of the bench: control, effects, faults, keys. `say` sends a message to the loop.
 "use strict";
 
 const effectTemplates = {
@@ -112,14 +112,4 @@ class KeysPanel {
     on(given, "click", () => say({ set: [] }));
   }
   show({ sets }) { this.list.textContent = sets.map((s) => `--set ${s}`).join("\n"); }
-}
-
-class EventsPanel {
-  constructor(list) { this.list = list; }
-  add(t, kind, text) {
-    const end = this.list.scrollTop + this.list.clientHeight >= this.list.scrollHeight - 4;
-    this.list.append(el("li", { "data-kind": kind }, el("time", {}, Number.isFinite(t) ? `${t.toFixed(3)} s` : ""), el("span", {}, kind), el("span", {}, text)));
-    while (this.list.children.length > 200) this.list.firstChild.remove();
-    if (end) this.list.scrollTop = this.list.scrollHeight;
-  }
 }

@@ -80,7 +80,6 @@ RestartLevel restart_level(const Scene& from, const Scene& to) {
 }
 
 Injection usual_injection(const InjectionRow& row, std::size_t drive) {
-  constexpr int for_ever = 1'000'000;
   constexpr std::pair<Injected, double> amounts[] = {
       {Injected::scattered_loss, 0.4}, {Injected::delay, 2.0},        {Injected::denormal, 1e-40},
       {Injected::huge, 1e6},           {Injected::sensor_step, 0.02}, {Injected::flood, 2000.0}};

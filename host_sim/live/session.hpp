@@ -15,6 +15,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -71,7 +72,8 @@ struct LiveSample {
   std::array<double, 2> sliding{};   ///< s of the first two channels; 0 where the law has none
   std::array<double, 2> force{};     ///< N of the hand, as it acts on the effector
   std::array<double, 2> anchor{};    ///< m; of the hand while it holds
-  bool holding = false, brake = true, injecting = false, saturated = false;
+  bool holding = false, brake = true, saturated = false;
+  std::string_view injecting;  ///< name of the fault that acts; empty: none
 };
 
 /// A line of the page's log.
@@ -110,6 +112,8 @@ struct Exchange {
 
 class HostBus;
 
+inline constexpr int for_ever = 1'000'000;  ///< ticks: a fault of this length lasts until it is ended
+
 /// A fault of the campaign that begins when it is ordered.
 class LiveFault {
  public:
@@ -130,7 +134,10 @@ class LiveFault {
     since_ = 0;
     first_ = true;
     foreign_ = foreign_command(traits, scene, injection_);
-    return fmt::format("{} at drive {} for {:g} ms", o.row->name, o.drive + 1, 1e3 * o.length * scene.tick());
+    const std::string time = o.length >= for_ever
+                                 ? "until it is ended"
+                                 : fmt::format("for {:.6g} ms", 1e3 * o.length * scene.tick());
+    return fmt::format("{} at drive {} {}", o.row->name, o.drive + 1, time);
   }
   /// Call once at the beginning of a tick. Ends the fault if it has acted for its length. True: this is the
   /// fault's first tick. A fault of length 0 ends without having acted.

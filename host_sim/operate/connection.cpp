@@ -58,8 +58,7 @@ void Connection::send(const hal::CanFrame& f) {
     std::this_thread::sleep_for(milliseconds(1));
   }
   bus_.flush();
-  if (tap_)
-    tap_(std::chrono::duration_cast<std::chrono::microseconds>(Clock::now() - begin_).count(), f, true);
+  tell_taps(Clock::now(), f, true);
 }
 
 void Connection::keep_alive(Alive how) {
@@ -83,7 +82,7 @@ void Connection::pump(std::chrono::nanoseconds patience) {
   constexpr int most = 1000;  // a flooded bus must not keep the sign of life back
   for (int n = 0; n < most && bus_.try_receive(f); ++n) {
     if (client_.hear(f)) heard_ = now;
-    if (tap_) tap_(std::chrono::duration_cast<std::chrono::microseconds>(now - begin_).count(), f, false);
+    tell_taps(now, f, false);
   }
   if (now - heard_ > milliseconds(silence_ms))
     throw RunError(fmt::format("no controller with base_id 0x{:03x} was heard for {} s on {}", client_.base(),
@@ -93,8 +92,10 @@ void Connection::pump(std::chrono::nanoseconds patience) {
     other_ = now;
     other_status_ = news().statuses;
   }
+  if (attendant_.meanwhile) attendant_.meanwhile();
   if (alive_ == Alive::no || now - alive_at_ < alive_period || news().statuses == answered_status_) return;
   if (alive_ == Alive::unless_another && another()) return;
+  if (attendant_.present && !attendant_.present()) return;
   alive_at_ = now;
   answered_status_ = news().statuses;
   send(client_.order(link::Order::none));

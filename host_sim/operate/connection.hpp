@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -44,7 +45,14 @@ class Connection {
   [[nodiscard]] const link::Status& status() const { return *client_.news().status; }
   [[nodiscard]] LinkClient& client() { return client_; }
   [[nodiscard]] HostBus& bus() { return bus_; }
-  void tap(Tap to) { tap_ = std::move(to); }  ///< empty: none
+  /// Every frame goes to `to` as well, until it is empty; one function for each owner.
+  void tap(const void* owner, Tap to) {
+    if (to) {
+      taps_[owner] = std::move(to);
+    } else {
+      taps_.erase(owner);
+    }
+  }
 
   enum class Alive : std::uint8_t {
     no,
@@ -55,17 +63,27 @@ class Connection {
   /// Sends a sign of life from now on, at most every 20 ms and for each Status.
   void keep_alive(Alive how);
 
+  /// What the operator's page adds to every wait of this connection. Empty functions: nothing.
+  struct Attendant {
+    std::function<void()> meanwhile;  ///< in every pump(); may send(), but not pump()
+    std::function<bool()> present;    ///< asked for each sign of life that is due: whether it may be sent
+    std::function<bool()> stops;      ///< whether waits end now, as after Ctrl-C
+  };
+  void attend(Attendant a) { attendant_ = std::move(a); }
+  /// Whether waits end: Ctrl-C, or the attendant stops them.
+  [[nodiscard]] bool stopped() const { return stop_requested() || (attendant_.stops && attendant_.stops()); }
+
   /// Sends a frame; waits for the bus to take it. Throws RunError when the bus is gone.
   void send(const hal::CanFrame& f);
   /// Reads the frames that wait, up to `patience` for the first, and sends the sign of life when it is due.
   /// Throws RunError when the bus is gone or the controller has been silent for 5 s.
   void pump(std::chrono::nanoseconds patience);
-  /// Pumps until done(); `stoppable`: or Ctrl-C.
+  /// Pumps until done(); `stoppable`: or stopped().
   template <class Done>
   Waited until(const Done& done, double seconds, bool stoppable = true) {
     const auto end = Clock::now() + std::chrono::duration<double>(seconds);
     while (!done()) {
-      if (stoppable && stop_requested()) return Waited::stopped;
+      if (stoppable && stopped()) return Waited::stopped;
       if (Clock::now() > end) return Waited::silent;
       pump(std::chrono::milliseconds(5));
     }
@@ -91,6 +109,10 @@ class Connection {
   void read_faults();
 
  private:
+  void tell_taps(Clock::time_point now, const hal::CanFrame& f, bool sent) const {
+    for (const auto& [owner, to] : taps_)
+      to(std::chrono::duration_cast<std::chrono::microseconds>(now - begin_).count(), f, sent);
+  }
   static constexpr double answer_seconds =
       20.0;  // of a slow controller on a busy machine; mostly a few ticks
 
@@ -103,7 +125,8 @@ class Connection {
 
   HostBus& bus_;
   LinkClient client_;
-  Tap tap_;
+  std::map<const void*, Tap> taps_;
+  Attendant attendant_;
   /// Whether another supervisor computer was heard just now.
   [[nodiscard]] bool another() const {
     return others_ > 0 &&

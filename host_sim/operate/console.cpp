@@ -45,8 +45,12 @@ std::span<const Console::Command> Console::commands() {
   static constexpr std::array table{
       Command{"status", "", "state, fault, position, parameters, records of faults", 0, 0, &Console::status},
       Command{"arm", "", "enable; the mechanism holds its pose until goto, jog", 0, 0, &Console::arm},
-      Command{"goto", "X Y", "to a point, m (base joints, rad, where the scene's reference is joint_sine)", 2,
-              2, &Console::go_to},
+      Command{"goto", "X Y | NAME",
+              "to a point, m (base joints, rad, where the scene's reference is joint_sine), or to one that "
+              "was taught",
+              1, 2, &Console::go_to},
+      Command{"teach", "NAME", "keep the point where the mechanism is", 1, 1, &Console::teach},
+      Command{"points", "", "the points that were taught", 0, 0, &Console::list_points},
       Command{"jog", "x|y|JOINT SPEED [SECONDS]",
               "at constant speed, m/s or rad/s, while standard input is open and silent; or for a time", 2, 3,
               &Console::jog},
@@ -87,6 +91,7 @@ const Console::Command& Console::command_of(const Words& words) {
 void Console::run(const Words& words) { (this->*command_of(words).run)(words); }
 
 void Console::say(const std::string& text) const {
+  if (teller_) return teller_(text);
   if (json_) return;
   fmt::print("{}\n", text);
   std::fflush(stdout);
@@ -129,6 +134,25 @@ void Console::reset(const Words&) {
   const auto gone = [&] { return now().fault == Fault::none && now().state == State::disabled; };
   if (!link_.obeyed(link::Order::reset, gone) || link_.until(gone, order_seconds) != Waited::done)
     throw Refused(fmt::format("{}: the fault persists", name(now().fault)));
+}
+
+Points& Console::points() const {
+  if (points_ == nullptr)
+    refuse_at("", "points are kept beside SCENE, or in --points FILE: give one of them");
+  return *points_;
+}
+
+void Console::teach(const Words& words) {
+  auto at = position(space());
+  // Without torque it stands where hands have put it, whatever the reference is.
+  if (space() == link::Space::effector && now().state != State::running)
+    for (std::size_t i = 0; i < at.size(); ++i) at[i] = static_cast<double>((*link_.news().effector)[i]);
+  points().teach(words[1], at);
+  say(fmt::format("{} = {:.6f} {:.6f}, in {}", words[1], at[0], at[1], points().file()));
+}
+
+void Console::list_points(const Words&) {
+  for (const auto& [name, p] : points().all()) say(fmt::format("{} = {:.6f} {:.6f}", name, p[0], p[1]));
 }
 
 void Console::zero(const Words&) {

@@ -3,13 +3,16 @@
 /// and reports.
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "host_sim/operate/connection.hpp"
+#include "host_sim/operate/points.hpp"
 #include "host_sim/operate/telemetry_record.hpp"
 
 namespace esmc::host {
@@ -49,7 +52,13 @@ class Console {
   /// Overrides of the scene, which hold for the FILE of `run` too, but those of its reference.
   void overrides(const std::vector<std::string>& sets);
   /// For `jog` without a duration: whether it goes on.
-  void hold_to_run(bool (*held)()) { held_ = held; }
+  void hold_to_run(std::function<bool()> held) { held_ = std::move(held); }
+  /// Where `teach` keeps points; null: nowhere. Outlives this.
+  void keep_points(Points* in) { points_ = in; }
+  [[nodiscard]] const Points* known_points() const { return points_; }
+  [[nodiscard]] link::Space space() const;  ///< of set points and samples
+  /// Takes what is told instead of standard output.
+  void tell(std::function<void(const std::string&)> to) { teller_ = std::move(to); }
 
  private:
   void status(const Words& words);
@@ -59,6 +68,8 @@ class Console {
   void reset(const Words& words);
   void zero(const Words& words);
   void go_to(const Words& words);
+  void teach(const Words& words);
+  void list_points(const Words& words);
   void jog(const Words& words);
   void run_reference(const Words& words);
   void run_file(const std::string& file);
@@ -71,6 +82,8 @@ class Console {
   void capture(const Words& words);
 
   void say(const std::string& text) const;
+  /// Throws InputError where there is no file of points.
+  [[nodiscard]] Points& points() const;
   [[nodiscard]] const link::Status& now() const { return link_.status(); }
   [[nodiscard]] bool armed() const;
   /// Throws Refused with the fault's name where there is one.
@@ -90,7 +103,6 @@ class Console {
   void stay();
   /// The order to come to rest, until the controller is.
   void bring_to_rest();
-  [[nodiscard]] link::Space space() const;
   /// The reference's position, m, or the measured base joints, rad. Throws Refused without telemetry.
   std::array<double, 2> position(link::Space space);
   [[nodiscard]] std::array<std::size_t, 2> base_joints() const;
@@ -101,7 +113,9 @@ class Console {
   bool json_, single_;
   bool own_ = false;  ///< armed by this console
   bool interrupted_ = false;
-  bool (*held_)() = nullptr;
+  Points* points_ = nullptr;
+  std::function<bool()> held_;
+  std::function<void(const std::string&)> teller_;
   std::unique_ptr<TelemetryRecord> record_;
 };
 

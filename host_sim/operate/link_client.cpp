@@ -50,6 +50,7 @@ bool LinkClient::hear(const hal::CanFrame& f) {
     case Message::status: {
       const auto status = decode_status(f, base_);
       if (!status) return false;
+      if (news_.status) news_.ticks += (status->tick - news_.status->tick) & 0xFF'FFFFU;
       news_.status = status;
       ++news_.statuses;
       return true;

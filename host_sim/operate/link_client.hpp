@@ -49,6 +49,7 @@ struct ControllerNews {
   CaptureNews capture;
   std::map<std::uint16_t, link::CapturePart> capture_parts;       ///< by number
   std::uint32_t statuses = 0, counter_frames = 0, telemetry = 0;  ///< frames heard
+  std::uint64_t ticks = 0;   ///< of the controller since the first Status, unless it starts again
   std::uint32_t others = 0;  ///< orders and signs of life of another computer
 };
 

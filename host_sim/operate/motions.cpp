@@ -23,9 +23,9 @@ double least_time(double distance, double speed, double acceleration) {
                                                  : 2.0 * std::sqrt(distance / acceleration);
 }
 
-/// After Ctrl-C nothing begins to move.
-void require_not_interrupted() {
-  if (stop_requested()) throw Interrupted("interrupted: nothing moves");
+/// After Ctrl-C, or a stop on the page, nothing begins to move.
+void require_not_interrupted(const Connection& link) {
+  if (link.stopped()) throw Interrupted("interrupted: nothing moves");
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ void Console::start(link::Source source) {
   const auto chosen = [&] { return now().source == source; };
   if (!chosen() && (!link_.obeyed(wanted, chosen) || link_.until(chosen, order_seconds) == Waited::silent))
     refuse("refused", "the source of motion was not taken");
-  require_not_interrupted();
+  require_not_interrupted(link_);
   own_ = true;
   link_.keep_alive(Connection::Alive::always);
   const auto left = [&] { return now().state != State::disabled || now().fault != Fault::none; };
@@ -48,7 +48,7 @@ void Console::start(link::Source source) {
   const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
   const Waited w = link_.until(over, arming_seconds);
   if (w == Waited::stopped) bring_to_rest();
-  require_not_interrupted();
+  require_not_interrupted(link_);
   require_running();
 }
 
@@ -180,7 +180,9 @@ std::array<double, 2> Console::position(link::Space space) {
 }
 
 void Console::go_to(const Words& words) {
-  const std::array<double, 2> to{number_of(words[1], "goto: X"), number_of(words[2], "goto: Y")};
+  const std::array<double, 2> to = words.size() == 2 ? points().at(words[1])
+                                                     : std::array<double, 2>{number_of(words[1], "goto: X"),
+                                                                             number_of(words[2], "goto: Y")};
   if (!link_.client().set_point(space(), to))
     throw Refused("out_of_bounds: the command interface carries +-8.388607");
   require_guided();
@@ -189,7 +191,7 @@ void Console::go_to(const Words& words) {
 
 bool Console::move_to(const std::array<double, 2>& to) {
   const auto from = position(space());
-  require_not_interrupted();
+  require_not_interrupted(link_);
   if (!link_.obeyed([&] { return *link_.client().set_point(space(), to); }))
     refuse("out_of_bounds",
            fmt::format("{:g} {:g} is outside the scene's limits or out of reach", to[0], to[1]));
@@ -281,11 +283,11 @@ void Console::jog(const Words& words) {
     if (!may_go_on()) return false;
     if (words.size() > 3)
       return std::chrono::duration<double>(Connection::Clock::now() - begin).count() < seconds;
-    return held_ == nullptr || held_();
+    return !held_ || held_();
   };
   const bool limit = !jog_along(stream, from, axis, speed, go_on);
   require_running();
-  if (stop_requested()) {
+  if (link_.stopped()) {
     interrupted_ = true;
     return bring_to_rest();
   }

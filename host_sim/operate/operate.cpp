@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -12,7 +13,9 @@
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"
 #include "host_sim/operate/line_input.hpp"
+#include "host_sim/operate/page.hpp"
 #include "host_sim/operate/status_text.hpp"
+#include "host_sim/operate/telemetry_mcap.hpp"
 #include "host_sim/record/output.hpp"
 
 namespace esmc::host {
@@ -52,6 +55,8 @@ Call call_of(const OperateOptions& o) {
   }
   if (!out.scene && !o.sets.empty()) refuse_at("", "--set changes SCENE, and there is none");
   if (!words.empty()) (void)Console::command_of(words);
+  if (o.page && (!out.scene || !words.empty() || o.json))
+    refuse_at("", "--page takes SCENE, which it draws, and neither a command nor --json");
   out.command = std::move(words);
   return out;
 }
@@ -138,26 +143,40 @@ int run_lines(Console& console, Connection& link) {
   return stop_requested() ? exit_interrupted : 0;
 }
 
-int operate(Console& console, Connection& link, const Words& command, bool json) {
+int operate(Console& console, Connection& link, const Call& call, const OperateOptions& o) {
+  std::optional<TelemetryMcap> mcap;
+  if (!o.mcap.empty()) mcap.emplace(link, call.scene ? &*call.scene : nullptr, o.mcap);
+  const Words& command = call.command;
+  const bool json = o.json;
   try {
     int status = 0;
-    if (command.empty()) {
+    if (o.page) {
+      status = run_page(link, console, *call.scene, o.port);
+    } else if (command.empty()) {
       status = run_lines(console, link);
     } else {
       console.run(command);
       if (console.interrupted()) status = exit_interrupted;
     }
     console.leave();
+    if (mcap) mcap->commit();
     if (json && !command.empty() && command.front() != "status")
       fmt::print("{}", document_text(status_json(link)));
     return status;
   } catch (...) {
     try {
       console.leave();
+      if (mcap) mcap->commit();
     } catch (const std::runtime_error&) {  // the first failure is the one to be told
     }
     throw;
   }
+}
+
+/// Where points are kept: pick.toml has its points in pick.points.toml. "": nowhere.
+std::string points_file(const OperateOptions& o, const Scene* scene) {
+  if (!o.points.empty() || scene == nullptr || scene->file == "-") return o.points;
+  return std::filesystem::path(scene->file).replace_extension(".points.toml").string();
 }
 
 }  // namespace
@@ -188,7 +207,11 @@ int run_operate(const OperateOptions& o) {
   Console console(link, scene, o.json, !call.command.empty());
   console.hold_to_run(input_is_silent);
   console.overrides(o.sets);
-  return operate(console, link, call.command, o.json);
+  std::optional<Points> points;
+  if (const std::string file = points_file(o, scene); !removes && !file.empty())
+    points.emplace(file, console.space());
+  if (points) console.keep_points(&*points);
+  return operate(console, link, call, o);
 }
 
 }  // namespace esmc::host

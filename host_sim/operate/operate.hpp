@@ -12,6 +12,10 @@ struct OperateOptions {
   std::vector<std::string> sets;   ///< of the scene
   int bit_rate = 1'000'000;        ///< bit/s, for an slcan adapter without a scene
   bool json = false;
+  std::string points{};  ///< file of taught points; "": beside the scene
+  std::string mcap{};    ///< file; "": none
+  bool page = false;     ///< serve the operator's page instead
+  int port = 0;          ///< of the page; 0: one that is free
 };
 
 /// Names of the commands with their arguments and meanings, one per line.

@@ -73,7 +73,7 @@ double SampleStream::gain(const std::array<double, 2>& position, std::size_t axi
 
 bool SampleStream::begin(const std::array<double, 2>& position) {
   const auto give_up = Connection::Clock::now() + std::chrono::seconds(20);
-  while (!link_.status().streaming && running() && !stop_requested()) {
+  while (!link_.status().streaming && running() && !link_.stopped()) {
     if (Connection::Clock::now() > give_up) return false;
     step([&](double) { return SpaceMotion{position, {}}; });
   }

@@ -14,13 +14,13 @@ TelemetryRecord::TelemetryRecord(Connection& connection, const std::string& dire
       frames_(out_.open("frames.log")),
       log_(out_.open("log.csv")),
       statuses_(connection.news().statuses),
-      last_tick_(connection.status().tick) {
+      begin_(connection.news().ticks) {
   std::fputs("t,x,y,x_error,y_error,angle1,tau1,angle2,tau2,angle3,tau3,angle4,tau4,fault,state\n",
              log_.get());
-  link_.tap([this](std::int64_t time_us, const hal::CanFrame& f, bool) { take(time_us, f); });
+  link_.tap(this, [this](std::int64_t time_us, const hal::CanFrame& f, bool) { take(time_us, f); });
 }
 
-TelemetryRecord::~TelemetryRecord() { link_.tap({}); }
+TelemetryRecord::~TelemetryRecord() { link_.tap(this, {}); }
 
 void TelemetryRecord::take(std::int64_t time_us, const hal::CanFrame& f) {
   fmt::print(frames_.get(), "{}\n", candump_line(time_us, link_.bus().interface(), f));
@@ -30,10 +30,8 @@ void TelemetryRecord::take(std::int64_t time_us, const hal::CanFrame& f) {
 void TelemetryRecord::row() {
   const ControllerNews& n = link_.news();
   statuses_ = n.statuses;
-  ticks_ += (n.status->tick - last_tick_) & 0xFF'FFFFU;
-  last_tick_ = n.status->tick;
-  std::string text = fmt::format(
-      "{}", static_cast<double>(ticks_) * static_cast<double>(link_.parameter(link::Index::sample_time)));
+  std::string text = fmt::format("{}", static_cast<double>(n.ticks - begin_) *
+                                           static_cast<double>(link_.parameter(link::Index::sample_time)));
   const auto pair = [&](const std::optional<std::array<float, 2>>& v) {
     text += v ? fmt::format(",{},{}", (*v)[0], (*v)[1]) : ",nan,nan";
   };
@@ -45,7 +43,7 @@ void TelemetryRecord::row() {
 }
 
 void TelemetryRecord::close() {
-  link_.tap({});
+  link_.tap(this, {});
   const bool written = std::ferror(frames_.get()) == 0 && std::ferror(log_.get()) == 0;
   if (std::fclose(frames_.release()) != 0 || std::fclose(log_.release()) != 0 || !written)
     throw RunError("the record could not be written completely (disk full?)");

@@ -31,8 +31,8 @@ class TelemetryRecord {
   Connection& link_;
   OutputDirectory out_;
   FileHandle frames_, log_;
-  std::uint32_t statuses_, last_tick_;
-  std::uint64_t ticks_ = 0, rows_ = 0;
+  std::uint32_t statuses_;
+  std::uint64_t begin_, rows_ = 0;
 };
 
 }  // namespace esmc::host

@@ -6,7 +6,7 @@
 # compiles into <target> a definition of `const std::string_view esmc::host::<symbol>`. An array of character
 # literals is used, because string literals are limited to 64 KiB by the standard and some compilers.
 #
-# In the file `/*ESMC_INCLUDE name*/` stands for a file beside it or in host_sim/report, or for uplot.js and uplot.css: uPlot
+# In the file `/*ESMC_INCLUDE name*/` stands for a file beside it, in host_sim/web or in host_sim/report, or for uplot.js and uplot.css: uPlot
 # as npm has put it into host_sim/report/node_modules, with its licence. Where it is missing those two are empty, and the page
 # has to live without `uPlot`.
 
@@ -27,6 +27,8 @@ if(CMAKE_SCRIPT_MODE_FILE STREQUAL CMAKE_CURRENT_LIST_FILE)  # build time: cmake
       endif()
     elseif(EXISTS "${folder}/${name}")
       file(READ "${folder}/${name}" part)
+    elseif(EXISTS "${CMAKE_CURRENT_LIST_DIR}/../web/${name}")
+      file(READ "${CMAKE_CURRENT_LIST_DIR}/../web/${name}" part)
     else()
       file(READ "${CMAKE_CURRENT_LIST_DIR}/${name}" part)
     endif()
@@ -65,7 +67,7 @@ function(esmc_embed target input symbol)
   set(here "${CMAKE_CURRENT_FUNCTION_LIST_DIR}")
   set(output "${CMAKE_CURRENT_BINARY_DIR}/${symbol}.cpp")
   # What it may include, looked for again at every build.
-  file(GLOB parts CONFIGURE_DEPENDS "${here}/*.js" "${here}/*.css" "${folder}/*.js" "${folder}/*.css"
+  file(GLOB parts CONFIGURE_DEPENDS "${here}/*.js" "${here}/*.css" "${here}/../web/*.js" "${here}/../web/*.css" "${folder}/*.js" "${folder}/*.css"
        "${here}/node_modules/uplot/LICENSE" "${here}/node_modules/uplot/dist/*.min.*")
   add_custom_command(
     OUTPUT "${output}"

@@ -5,8 +5,10 @@
 // Exit status 77 (a skipped test) where playwright-core, chromium or a program given is missing.
 "use strict";
 
+const assert = require("node:assert/strict");
 const { execFileSync } = require("node:child_process");
 const fs = require("node:fs");
+const http = require("node:http");
 const os = require("node:os");
 const path = require("node:path");
 
@@ -94,4 +96,47 @@ const crowded = (page) => page.evaluate(() => {
   return found;
 });
 
-module.exports = { launch, esmc, folder, open, frames, drawn, crowded };
+// ---- The live bench and the operator's page
+const text = (page, id) => page.textContent(`#${id}`);
+/** Waits for what a person would wait for; 30 s are for a machine with other things to do. */
+const until = (page, condition, argument) => page.waitForFunction(condition, argument, { timeout: 30000 });
+const state = (page, wanted) => until(page, (word) => document.getElementById("state").textContent === word, wanted);
+const event = (page, wanted) => until(page, (words) => document.getElementById("events").textContent.includes(words), wanted);
+async function sound(page) {
+  assert.deepEqual(page.troubles, []);
+  const own = new URL(page.url()).origin;
+  assert.deepEqual(page.asked.filter((url) => new URL(url).origin !== own && !url.startsWith("data:")), []);
+  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than its window");
+}
+/** An attribute or a rule for everything that can be reached and has no name. */
+const nameless = (page) => page.$$eval("input, select, button, canvas[tabindex]", (list) => list.filter((e) =>
+  !e.closest("label") && !e.getAttribute("aria-label") && !e.textContent.trim() && !(e.id && document.querySelector(`label[for="${e.id}"]`))).map((e) => e.outerHTML));
+
+/** Without its token, and from a page of another origin in the same browser, the page at `address` is out of reach. */
+async function refusesStrangers(browser, address) {
+  const url = new URL(address), token = url.searchParams.get("token");
+  const page = await (await browser.newContext()).newPage();
+  for (const wrong of ["", "0".repeat(32), token.slice(1)]) {
+    url.searchParams.set("token", wrong);
+    assert.equal((await page.goto(url.href)).status(), 403);
+  }
+  // A page of somebody else, in the same browser, which even knows the token.
+  const foreign = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html><title>foreign</title>"));
+  await new Promise((done) => foreign.listen(0, "127.0.0.1", done));
+  await page.goto(`http://127.0.0.1:${foreign.address().port}/`);
+  const opens = (where) => page.evaluate((to) => new Promise((done) => {
+    const socket = new WebSocket(to);
+    socket.onopen = () => done("open");
+    socket.onclose = () => done("refused");
+  }), where);
+  assert.equal(await opens(`ws://${url.host}/bench?token=${token}`), "refused");
+  assert.equal(await page.evaluate((to) => fetch(to).then(() => "read", () => "refused"), address), "refused");
+  // The same from a page of its own is let in: it is the origin that was refused.
+  await page.goto(address);
+  assert.equal(await opens(`ws://${url.host}/bench?token=${token}`), "open");
+  assert.equal(await opens(`ws://${url.host}/bench?token=${"0".repeat(32)}`), "refused");
+  await new Promise((done) => foreign.close(done));
+  await page.context().close();
+}
+
+module.exports = { launch, esmc, folder, open, frames, drawn, crowded, text, until, state, event, sound, nameless, refusesStrangers };

@@ -4,11 +4,11 @@
 
 const assert = require("node:assert/strict");
 const { spawn } = require("node:child_process");
-const http = require("node:http");
+const fs = require("node:fs");
 const path = require("node:path");
 const readline = require("node:readline");
 const { test, before, after } = require("node:test");
-const { launch, open, frames, drawn, crowded } = require("./browser");
+const { launch, esmc, folder, open, frames, drawn, crowded, text, until, state, event, sound, nameless, refusesStrangers } = require("./browser");
 
 const [program, scenes, , shot] = process.argv.slice(2);
 const five = path.join(scenes, "five_bar_circle.toml"), rr = path.join(scenes, "rr_line.toml");
@@ -23,11 +23,6 @@ async function bench(scene, ...options) {
   const ended = new Promise((done) => child.on("exit", (code) => { running.delete(child); done(code); }));
   return { url, async end() { child.kill("SIGINT"); assert.equal(await ended, 0); } };
 }
-const text = (page, id) => page.textContent(`#${id}`);
-/** Waits for what a person would wait for; 30 s are for a machine with other things to do. */
-const until = (page, condition, argument) => page.waitForFunction(condition, argument, { timeout: 30000 });
-const state = (page, wanted) => until(page, (word) => document.getElementById("state").textContent === word, wanted);
-const event = (page, wanted) => until(page, (words) => document.getElementById("events").textContent.includes(words), wanted);
 /** Running again after what these words announce; the state that is shown may be that of before. */
 const again = (page, announced) => until(page, (words) => {
   const all = [...document.querySelectorAll("#events li")].map((line) => [line.dataset.kind, line.lastChild.textContent]);
@@ -43,16 +38,6 @@ async function pull(page, x, y) {
   await page.mouse.down();
   await page.mouse.move(box.x + x * box.width, box.y + y * box.height, { steps: 4 });
 }
-async function sound(page) {
-  assert.deepEqual(page.troubles, []);
-  const own = new URL(page.url()).origin;
-  assert.deepEqual(page.asked.filter((url) => new URL(url).origin !== own && !url.startsWith("data:")), []);
-  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than its window");
-}
-/** An attribute or a rule for everything that can be reached and has no name. */
-const nameless = (page) => page.$$eval("input, select, button, canvas[tabindex]", (list) => list.filter((e) =>
-  !e.closest("label") && !e.getAttribute("aria-label") && !e.textContent.trim() && !(e.id && document.querySelector(`label[for="${e.id}"]`))).map((e) => e.outerHTML));
-
 before(async () => { browser = await launch(); });
 after(async () => {
   for (const child of running) child.kill("SIGKILL");
@@ -160,6 +145,21 @@ if (shot) {
     await again(page, "reference.radius=0.04: halt");
     await state(page, "running");
     assert.match(await text(page, "sets"), /--set reference\.radius=0\.04/);
+    // What it has recorded, and the scene with all of this.
+    const saved = (name) => page.evaluate(async (file) => {
+      const link = document.querySelector(`[data-save="${file}"]`), answer = await fetch(link.href);
+      return [answer.status, link.download, [...new Uint8Array(await answer.arrayBuffer())].map((c) => String.fromCharCode(c)).join("")];
+    }, name);
+    const [status, name, log] = await saved("log.csv"), rows = log.trim().split("\n").map((line) => line.split(","));
+    assert.deepEqual([status, name], [200, "log.csv"]);
+    assert.deepEqual(rows[0].slice(0, 9), ["t", "x", "y", "theta11", "theta12", "theta21", "theta22", "tau11", "tau21"]);
+    assert.ok(rows.length > 500 && rows.every((row) => row.length === rows[0].length) && rows.some((row) => row.at(-1) === "halting"));
+    assert.ok((await saved("log.mcap"))[2].startsWith("\x89MCAP0\r\n") && (await saved("log.mcap"))[2].endsWith("\x89MCAP0\r\n"));
+    const copy = path.join(folder(), "saved.toml");
+    fs.writeFileSync(copy, (await saved("scene.toml"))[2]);
+    const rerun = JSON.parse(esmc(program, ["sim", copy, "--set", "simulation.duration=0.1", "--json"]));
+    assert.equal(rerun.law, "smc");
+    assert.match(fs.readFileSync(copy, "utf8"), /radius = 0\.04/);
     await page.click("#given");
     await until(page, () => document.getElementById("subtitle").textContent.includes("law esmc"));
     await sound(page);
@@ -186,28 +186,8 @@ if (shot) {
   });
 
   test("a wrong token and a foreign page are refused", async () => {
-    const b = await bench(five), url = new URL(b.url), token = url.searchParams.get("token");
-    const page = await (await browser.newContext()).newPage();
-    for (const wrong of ["", "0".repeat(32), token.slice(1)]) {
-      url.searchParams.set("token", wrong);
-      assert.equal((await page.goto(url.href)).status(), 403);
-    }
-    // A page of somebody else, in the same browser, which even knows the token.
-    const foreign = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html><title>foreign</title>"));
-    await new Promise((done) => foreign.listen(0, "127.0.0.1", done));
-    await page.goto(`http://127.0.0.1:${foreign.address().port}/`);
-    const request_arming = (address) => page.evaluate((to) => new Promise((done) => {
-      const socket = new WebSocket(to);
-      socket.onopen = () => done("open");
-      socket.onclose = () => done("refused");
-    }), address);
-    assert.equal(await request_arming(`ws://${url.host}/bench?token=${token}`), "refused");
-    assert.equal(await page.evaluate((to) => fetch(to).then(() => "read", () => "refused"), b.url), "refused");
-    // The same request_arming from a page of the bench is let in: it is the origin that was refused.
-    await page.goto(b.url);
-    assert.equal(await request_arming(`ws://${url.host}/bench?token=${token}`), "open");
-    assert.equal(await request_arming(`ws://${url.host}/bench?token=${"0".repeat(32)}`), "refused");
-    await new Promise((done) => foreign.close(done));
+    const b = await bench(five);
+    await refusesStrangers(browser, b.url);
     await b.end();
   });
 }

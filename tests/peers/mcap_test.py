@@ -53,13 +53,12 @@ def checksums(file):
     assert zlib.crc32(data[:end]) == struct.unpack_from("<I", data, end + 9)[0], "data"
 
 
-def compare(esmc, command, scene, folder, every=1):
-    out, mcap = Path(folder, "out"), Path(folder, "run.mcap")
-    subprocess.run([esmc, command, scene, "--out", out, "--mcap", mcap, "--log-every", str(every), "--json"], check=True, capture_output=True)
+def read(mcap):
+    """(what its index says, by topic its messages as (ns, values)) of a sound file."""
     checksums(mcap)
     lines = subprocess.run(["node", HERE / "mcap_dump.js", mcap], check=True, capture_output=True, text=True).stdout.splitlines()
     head, *messages, tail = map(json.loads, lines)
-    assert tail["done"] and tail["found"]["Footer"] == 1 and tail["found"]["Chunk"] == head["chunks"] > 1, tail
+    assert tail["done"] and tail["found"]["Footer"] == 1 and tail["found"]["Chunk"] == head["chunks"] > 0, tail
     assert head["messages"] == len(messages), head
     assert all(t["encoding"] == "json" and t["of"] == "jsonschema" for t in head["topics"].values()), head["topics"]
     by_topic = {t: [] for t in head["topics"]}
@@ -68,6 +67,33 @@ def compare(esmc, command, scene, folder, every=1):
         values = json.loads(m["text"])
         assert set(values) == set(head["topics"][m["topic"]]["schema"]["properties"]), m
         by_topic[m["topic"]].append((int(m["ns"]), values))
+    return head, by_topic
+
+
+def live(esmc, scene, folder):
+    """The bench: a row for each tick, from its start on."""
+    mcap = Path(folder, "live.mcap")
+    r = subprocess.run([esmc, "live", scene, "--duration", "1.5", "--mcap", mcap, "--json"], check=True, capture_output=True, text=True)
+    summary, (_, by_topic) = json.loads(r.stdout), read(mcap)
+    rows = by_topic["/effector"]
+    assert summary["samples_dropped"] == 0 and len(rows) == summary["ticks"] > 1000, (len(rows), summary)
+    assert all(round(v["t"] * 1e9) - round(rows[0][1]["t"] * 1e9) == ns - rows[0][0] for ns, v in rows)
+    states = [v["state"] for _, v in by_topic["/controller"]]
+    assert "running" in states and set(by_topic) >= {"/joints", "/torques", "/sliding"}, set(by_topic)
+    # The effector of the drawing is that of the joints: leg 1 from its base.
+    scene_legs = (0.05, 0.12, 0.16)
+    for (_, e), (_, j) in list(zip(rows, by_topic["/joints"]))[::100]:
+        outer = j["theta11"] + j["theta12"]
+        x = scene_legs[0] + scene_legs[1] * math.cos(j["theta11"]) + scene_legs[2] * math.cos(outer)
+        assert abs(x - e["x"]) < 1e-9, (x, e)
+    print(f"live: {len(rows)} rows")
+
+
+def compare(esmc, command, scene, folder, every=1):
+    out, mcap = Path(folder, "out"), Path(folder, "run.mcap")
+    subprocess.run([esmc, command, scene, "--out", out, "--mcap", mcap, "--log-every", str(every), "--json"], check=True, capture_output=True)
+    head, by_topic = read(mcap)
+    assert head["chunks"] > 1, head
     rows = rows_of(out / "log.csv")
     columns = set()
     for topic in set(by_topic) - {"/can"}:
@@ -86,7 +112,7 @@ def compare(esmc, command, scene, folder, every=1):
         for line, (_, f) in zip(frames, by_topic["/can"]):
             identifier = f"{f['id']:08X}" if f["kind"].startswith("extended") else f"{f['id']:03X}"
             assert line.split()[2] == f"{identifier}#{f['data']}", (line, f)
-    print(f"{command}, every {every}: {len(rows)} rows, {len(messages)} messages on {len(by_topic)} topics, {head['chunks']} chunks, "
+    print(f"{command}, every {every}: {len(rows)} rows, {head['messages']} messages on {len(by_topic)} topics, {head['chunks']} chunks, "
           f"{mcap.stat().st_size} bytes")
 
 
@@ -140,6 +166,8 @@ def main():
     for command, scene, every in (("hil", circle, 1), ("sim", line, 1), ("sim", circle, 5)):
         with tempfile.TemporaryDirectory() as folder:
             compare(esmc, command, scene, folder, every)
+    with tempfile.TemporaryDirectory() as folder:
+        live(esmc, circle, folder)
     return 0
 
 

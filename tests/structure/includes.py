@@ -74,7 +74,8 @@ HOST = {
     "controller": (CONTROLLER, "design drives plan scene"),
     "record": (CONTROLLER, "bus controller plant report scene"),
     "loop": (CONTROLLER, "bus controller drives plant record scene"),
-    "operate": (CONTROLLER, "bus controller loop record scene"),
+    "web": (VALUES, ""),
+    "operate": (CONTROLLER, "bus controller loop record report scene web"),
     "calibrate": (CONTROLLER, "controller record report scene"),
     "identify": (CONTROLLER, "controller record report scene"),
     "check": (CONTROLLER, "bus controller design drives effects loop plant record report scene"),
@@ -83,7 +84,7 @@ HOST = {
     "sweep": (CONTROLLER, "controller integrate loop plant record report scene"),
     "studies": (CONTROLLER, "check controller drives effects integrate loop plan plant problems record report scene sweep"),
     "python": (CONTROLLER, "check controller drives loop record scene studies sweep"),
-    "live": (CONTROLLER, "bus campaign controller drives effects loop plant record report scene"),
+    "live": (CONTROLLER, "bus campaign controller drives effects loop plant record report scene web"),
     "cli": (CONTROLLER, "bus calibrate campaign check controller export identify live loop operate record scene spatial studies sweep"),
 }
 # Files that share a room with what sees the controller, and no more: the plant in space, the judge of a campaign and what it

@@ -8,8 +8,8 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/live/live_api.hpp"
-#include "host_sim/live/server.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/web/server.hpp"
 
 namespace esmc::host {
 namespace {

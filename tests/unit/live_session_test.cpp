@@ -234,11 +234,11 @@ TEST(LiveSession, EveryFaultThatIsOfferedIsOverAfterAResetOrHome) {
     run(*s, 1100);
     s->order(usual_injection(r, 1));
     s->tick();
-    EXPECT_TRUE(s->sample().injecting);
+    EXPECT_EQ(s->sample().injecting, r.name);
     run(*s, 100);
     s->order(Injection{});
     s->tick();
-    EXPECT_FALSE(s->sample().injecting);
+    EXPECT_EQ(s->sample().injecting, "");
   }
   EXPECT_GT(offered, 25);
 }

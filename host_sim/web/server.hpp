@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <thread>
 
 namespace esmc::host {
 
@@ -56,6 +57,11 @@ class Service {
   [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;  ///< for a page that has connected
   /// Called about 50 times a second.
   virtual void on_timer() = 0;
+  /// A file that is made when it is asked for, by its path; null: there is none.
+  [[nodiscard]] virtual std::unique_ptr<Served> download(std::string_view path) {
+    (void)path;
+    return nullptr;
+  }
 
  protected:
   Service() = default;
@@ -66,6 +72,10 @@ struct ServerOptions {
   std::string token;
   std::map<std::string, Served, std::less<>> files;  ///< by path; "/" is the page
 };
+
+/// Options for the page NAME.html with NAME.css and NAME.js, which have the new token at {{token}}.
+ServerOptions page_options(int port, const std::string& name, std::string_view html, std::string_view css,
+                           std::string_view js);
 
 struct ServerCounts {
   std::uint64_t pages = 0, refused = 0, messages = 0, too_long = 0;
@@ -92,5 +102,22 @@ class Server {
 /// Opens a server on 127.0.0.1 that listens. Throws InputError where the port is taken, or where this program
 /// was built without a web server. The service must outlive the server.
 std::unique_ptr<Server> open_server(const ServerOptions& options, Service& service);
+
+/// A server in a thread of its own, until stop() or the end of this object.
+class ServingThread {
+ public:
+  explicit ServingThread(Server& server) : thread_([this, &server] { server.run(over_); }) {}
+  ~ServingThread() { stop(); }
+  ServingThread(const ServingThread&) = delete;
+  ServingThread& operator=(const ServingThread&) = delete;
+  void stop() {
+    over_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+
+ private:
+  std::atomic<bool> over_{false};
+  std::thread thread_;
+};
 
 }  // namespace esmc::host

@@ -1,4 +1,4 @@
-#include "host_sim/live/server.hpp"
+#include "host_sim/web/server.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -41,6 +41,21 @@ bool own_host(std::string_view host, int port) {
 bool own_origin(std::string_view origin, int port) {
   constexpr std::string_view scheme = "http://";
   return origin.starts_with(scheme) && own_host(origin.substr(scheme.size()), port);
+}
+
+ServerOptions page_options(int port, const std::string& name, std::string_view html, std::string_view css,
+                           std::string_view js) {
+  ServerOptions o;
+  o.port = port;
+  o.token = make_token();
+  std::string page(html);
+  constexpr std::string_view place = "{{token}}";
+  for (std::size_t at = 0; (at = page.find(place, at)) != std::string::npos;)
+    page.replace(at, place.size(), o.token);
+  o.files["/"] = {"text/html; charset=utf-8", std::move(page)};
+  o.files["/" + name + ".css"] = {"text/css; charset=utf-8", std::string(css)};
+  o.files["/" + name + ".js"] = {"text/javascript; charset=utf-8", std::string(js)};
+  return o;
 }
 
 }  // namespace esmc::host

@@ -4,9 +4,10 @@
 const trailSeconds = 2;
 
 class Drawing {
-  /** told(hand): what the hand does now, {at: [x, y] or null, push: [fx, fy]}. */
+  /** told(hand): what the hand does now, {at: [x, y] or null, push: [fx, fy]}; null: a picture without a hand. */
   constructor(canvas, told) {
     Object.assign(this, { canvas, told, trail: [], wish: [], held: null, keys: new Set(), strong: false });
+    if (!told) return;
     const at = (event) => {
       const box = canvas.getBoundingClientRect();
       return this.view.toWorld([event.clientX - box.left, event.clientY - box.top]);

@@ -1,9 +1,10 @@
-#include "host_sim/live/server.hpp"
+#include "host_sim/web/server.hpp"
 
 #include <libwebsockets.h>
 
 #include <array>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 #include "host_sim/error.hpp"
@@ -20,6 +21,7 @@ struct Connection {
   std::string* received;  ///< parts of a message so far
   const Served* file;
   std::size_t sent;
+  Served* made;  ///< for this connection; `file` points to it
 };
 
 class LwsServer final : public Server {
@@ -90,7 +92,7 @@ class LwsServer final : public Server {
         case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
           return s->upgrade(wsi, static_cast<const char*>(in));
         case LWS_CALLBACK_ESTABLISHED:
-          *c = {s->service_.on_connect().release(), new std::string, nullptr, 0};
+          *c = {s->service_.on_connect().release(), new std::string, nullptr, 0, nullptr};
           ++s->clients_;
           ++s->counts_.pages;
           lws_callback_on_writable(wsi);
@@ -103,6 +105,10 @@ class LwsServer final : public Server {
           if (c->client != nullptr) --s->clients_;
           delete c->client;
           delete c->received;
+          return 0;
+        case LWS_CALLBACK_CLOSED_HTTP:
+        case LWS_CALLBACK_HTTP_DROP_PROTOCOL:
+          if (c != nullptr) delete std::exchange(c->made, nullptr);
           return 0;
         case LWS_CALLBACK_HTTP_BODY:
         case LWS_CALLBACK_HTTP_BODY_COMPLETION:
@@ -137,15 +143,16 @@ class LwsServer final : public Server {
   }
 
   int serve(lws* wsi, Connection& c, const char* path) {
+    delete c.made;  // of the request before on this connection
     c = {};
     if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
       return refuse(wsi, HTTP_STATUS_METHOD_NOT_ALLOWED, "GET only");
     if (const unsigned status = refusal(wsi, false))
-      return refuse(wsi, status,
-                    "the URL that esmc live printed has the token, and only that opens the bench");
+      return refuse(wsi, status, "the URL that esmc printed has the token, and only that opens the page");
     const auto file = options_.files.find(std::string_view(path));
-    if (file == options_.files.end()) return refuse(wsi, HTTP_STATUS_NOT_FOUND, "no such file");
-    c.file = &file->second;
+    if (file == options_.files.end()) c.made = service_.download(path).release();
+    c.file = file != options_.files.end() ? &file->second : c.made;
+    if (c.file == nullptr) return refuse(wsi, HTTP_STATUS_NOT_FOUND, "no such file");
     std::array<unsigned char, LWS_PRE + 2048> buffer{};
     unsigned char *at = buffer.data() + LWS_PRE, *const begin = at,
                   *const end = buffer.data() + buffer.size() - 1;
@@ -189,6 +196,7 @@ class LwsServer final : public Server {
       return 0;
     }
     c.file = nullptr;
+    delete std::exchange(c.made, nullptr);
     return lws_http_transaction_completed(wsi) != 0 ? -1 : 0;
   }
 
