@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <cmath>
 #include <csignal>
+#include <limits>
 #include <memory>
 #include <mutex>
 
@@ -19,6 +20,7 @@
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/studies/studies.hpp"
+#include "host_sim/sweep/sweep.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -143,11 +145,9 @@ struct PyScene {
     o.capture = &to;
     return o;
   }
-  [[nodiscard]] std::vector<std::string> names(const std::vector<std::size_t>& of) const {
-    const auto all = joints();
+  [[nodiscard]] std::vector<std::string> motors() const {
     std::vector<std::string> out;
-    out.reserve(of.size());
-    for (const std::size_t j : of) out.push_back(all[j]);
+    for (const std::size_t j : scene.motor_joints()) out.push_back(joints()[j]);
     return out;
   }
   [[nodiscard]] std::vector<std::string> joints() const {
@@ -160,6 +160,7 @@ struct Run {
   Capture capture;
   py::object summary;
 };
+struct Plan : Run {};
 
 std::shared_ptr<Run> run(const PyScene& s, const std::string& mode, std::uint64_t seed) {
   if (mode != "sim" && mode != "hil") refuse("mode = {:?}: sim or hil", mode);
@@ -171,9 +172,33 @@ std::shared_ptr<Run> run(const PyScene& s, const std::string& mode, std::uint64_
   return out;
 }
 
+std::shared_ptr<Plan> plan(const PyScene& s) {
+  auto out = std::make_shared<Plan>();
+  (void)released([&] { return run_plan(s.options(out->capture)); });
+  out->summary = parsed(out->capture.document);
+  return out;
+}
+
+/// None in the processes that mpirun has started beside the first one.
+py::object sweep(const std::string& spec, const std::string& out, int threads, bool restart) {
+  if (threads < 0 || threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", threads);
+  Capture c;
+  SweepOptions o;
+  o.spec = spec;
+  o.out = out;
+  o.command_line = "esmc.sweep";
+  o.jobs = threads;
+  o.json = true;
+  o.restart = restart;
+  o.capture = &c;
+  (void)released([&] { return run_sweep(o); });
+  return c.document.empty() ? py::object(py::none()) : parsed(c.document);
+}
+
 /// Columns as views into the run, which they keep alive.
+template <class Of>
 py::dict log_of(const py::object& self) {
-  const KeptLog& log = self.cast<const Run&>().capture.log;
+  const KeptLog& log = self.cast<const Of&>().capture.log;
   const std::size_t columns = log.columns.size(), rows = columns == 0 ? 0 : log.values.size() / columns;
   py::dict out;
   for (std::size_t c = 0; c < columns; ++c) {
@@ -184,14 +209,11 @@ py::dict log_of(const py::object& self) {
   return out;
 }
 
-py::object check(const PyScene& s) {
+/// The document of a command.
+template <int (*command)(const RunOptions&)>
+py::object document_of(const PyScene& s) {
   Capture c;
-  (void)released([&] { return run_check(s.options(c)); });
-  return parsed(c.document);
-}
-py::object margins(const PyScene& s) {
-  Capture c;
-  (void)released([&] { return run_margins(s.options(c)); });
+  (void)released([&] { return command(s.options(c)); });
   return parsed(c.document);
 }
 py::object compare(const std::string& a, const std::string& b, double tolerance) {
@@ -266,21 +288,68 @@ RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
   return out;
 }
 
+/// The torques of driven cases into the request. Returns the array, which must live as long as that.
+Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t every, RolloutRequest& r,
+                 std::optional<std::uint64_t>& n) {
+  const auto out = Array::ensure(torques);
+  const std::size_t motors = s.scene.motor_joints().size();
+  if (!out || out.ndim() != 3 || out.size() == 0 || static_cast<std::size_t>(out.shape(2)) != motors ||
+      out.shape(1) > std::numeric_limits<std::uint32_t>::max())
+    throw py::value_error(
+        fmt::format("torques: an array of shape (cases, ticks, {}) is needed, N m", motors));
+  if (n && *n != static_cast<std::uint64_t>(out.shape(0)))
+    refuse("torques: {} cases, n = {}", out.shape(0), *n);
+  r.torque = {out.data(), static_cast<std::size_t>(out.size())};
+  if (!std::ranges::all_of(r.torque, [](double v) { return std::isfinite(v); }))
+    refuse("torques: must be finite");
+  if (s.scene.accuracy) refuse("torques: simulation.accuracy is for whole runs");
+  n = static_cast<std::uint64_t>(out.shape(0));
+  r.ticks = static_cast<std::uint32_t>(out.shape(1));
+  r.every = every;
+  return out;
+}
+
+/// q and qd of driven cases: (cases, coordinates), or with `every` (cases, rows, coordinates).
+void add_states(const RolloutRequest& r, RolloutResult&& result, py::dict& out) {
+  const auto kept = std::make_unique<std::vector<double>>(std::move(result.states)).release();
+  const py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<double>*>(p); });
+  const std::size_t row = 2 * result.coordinates * sizeof(double);
+  for (const bool rates : {false, true}) {
+    std::vector<std::size_t> shape{r.cases, result.rows, result.coordinates},
+        strides{result.rows * row, row, sizeof(double)};
+    if (r.every == 0) {
+      shape.erase(shape.begin() + 1);
+      strides.erase(strides.begin() + 1);
+    }
+    out[rates ? "qd" : "q"] =
+        py::array_t<double>(shape, strides, kept->data() + (rates ? result.coordinates : 0), owner);
+  }
+}
+
 py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std::uint64_t> n,
-                 std::uint64_t seed, int threads, const std::vector<std::string>& wanted) {
+                 std::uint64_t seed, int threads, const std::vector<std::string>& wanted,
+                 const py::object& torques, std::uint32_t every) {
   RolloutRequest r{.scene = s.file,
                    .sets = s.sets,
                    .parameters = {},
                    .seed = seed,
                    .threads = threads,
-                   .objectives = objectives_of(wanted)};
+                   .objectives = {},
+                   .torque = {},
+                   .ticks = 0,
+                   .every = 0};
+  const bool driven = !torques.is_none();
+  if (driven && !wanted.empty()) refuse("torques: there are no objectives, the result has q and qd");
+  if (!driven && every != 0) refuse("every: is of runs with torques");
+  if (!driven) r.objectives = objectives_of(wanted);
+  const Array given = driven ? torques_of(s, torques, every, r, n) : Array();
   for (const auto& [key, value] : parameters)
     r.parameters.push_back(parameter_of(py::str(key).cast<std::string>(), value));
   for (const RolloutParameter& p : r.parameters) {
     if (const auto* values = std::get_if<1>(&p.values); values != nullptr && !n) n = values->size();
   }
   r.cases = n.value_or(1);
-  const RolloutResult result = released([&] { return run_rollout(r); });
+  RolloutResult result = released([&] { return driven ? run_driven(r) : run_rollout(r); });
   const auto numpy = py::module_::import("numpy");
   py::dict out;
   for (std::size_t a = 0; a < r.parameters.size(); ++a)
@@ -293,7 +362,9 @@ py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std
       to(static_cast<py::ssize_t>(i)) = result.objectives[i * columns + c];
     out[py::str(std::string(objectives[static_cast<std::size_t>(r.objectives[c])].name))] = column;
   }
+  if (driven) add_states(r, std::move(result), out);
   out["outcome"] = numpy.attr("array")(py::cast(result.outcomes));
+  out["seed"] = py::array_t<std::uint64_t>(static_cast<py::ssize_t>(r.cases), result.seeds.data());
   return out;
 }
 
@@ -303,15 +374,19 @@ std::span<const double> span_of(const Array& a) {
 }
 Array array_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
 
-/// Coordinates of a plant, and which of them are the joints.
-std::vector<double> coordinates(const PythonPlant& p, bool rates, std::size_t first, std::size_t end) {
+template <std::vector<double> PythonTick::*member>
+Array of_tick(const PythonTick& t) {
+  return array_of(t.*member);
+}
+/// q or qd of a plant, or of its joints alone.
+template <bool rates, bool joints>
+Array coordinates(const PythonPlant& p) {
   std::vector<double> q, qd;
   p.output(q, qd);
-  const auto& v = rates ? qd : q;
-  return {v.begin() + static_cast<std::ptrdiff_t>(first),
-          end == 0 ? v.end() : v.begin() + static_cast<std::ptrdiff_t>(end)};
+  auto& v = rates ? qd : q;
+  if (joints && v.size() == 6) v.erase(v.begin(), v.begin() + 2);
+  return array_of(v);
 }
-std::size_t first_joint(const PythonPlant& p) { return coordinates(p, false, 0, 0).size() == 6 ? 2 : 0; }
 
 void define_scene(py::module_& m) {
   py::class_<PyScene>(m, "Scene", "A scene file and what is set on top of it.")
@@ -325,15 +400,15 @@ void define_scene(py::module_& m) {
           "copy", [](const PyScene& s) { return s; }, "A scene of its own with the same settings.")
       .def_property_readonly(
           "toml", [](const PyScene& s) { return s.scene.toml; }, "The scene as it will run.")
-      .def_property_readonly("name", [](const PyScene& s) { return s.scene.name; })
+      .def_property_readonly(
+          "name", [](const PyScene& s) { return s.scene.name; }, "of the scene")
       .def_property_readonly(
           "duration", [](const PyScene& s) { return s.scene.duration; }, "s")
       .def_property_readonly(
           "tick", [](const PyScene& s) { return s.scene.tick(); }, "of the controller, s")
       .def_property_readonly("joints", &PyScene::joints, "Names in the order of the model.")
-      .def_property_readonly(
-          "motors", [](const PyScene& s) { return s.names(s.scene.motor_joints()); },
-          "Names of the joints with motors, in the order of torques.")
+      .def_property_readonly("motors", &PyScene::motors,
+                             "Names of the joints with motors, in the order of torques.")
       .def("__repr__",
            [](const PyScene& s) { return fmt::format("<esmc.Scene {:?} of {}>", s.scene.name, s.file); })
       .def(py::pickle([](const PyScene& s) { return py::make_tuple(s.file, s.sets); },
@@ -342,24 +417,30 @@ void define_scene(py::module_& m) {
                       }));
   py::class_<Run, std::shared_ptr<Run>>(m, "Run", "What a run left.")
       .def_readonly("summary", &Run::summary, "The document that --json prints, as a dict.")
-      .def_property_readonly("log", &log_of,
+      .def_property_readonly("log", &log_of<Run>,
                              "Columns of log.csv by name: arrays of shape (ticks,), views into the run.")
-      .def_property_readonly("digest", [](const Run& r) { return r.summary["digest"]; });
+      .def_property_readonly(
+          "digest", [](const Run& r) { return r.summary["digest"]; },
+          "16 hex digits over q and qd at every tick, as the command prints it.");
+  py::class_<Plan, std::shared_ptr<Plan>>(m, "Plan", "A timed program.")
+      .def_readonly("summary", &Plan::summary,
+                    "The document that `esmc plan --json` prints, as a dict: duration_s, limits_active, ...")
+      .def_property_readonly(
+          "path", &log_of<Plan>,
+          "Columns of path.csv by name: arrays of shape (ticks + 1,), views into the plan. "
+          "s, m, rad, their derivatives, N m.");
 }
 
 void define_loop(py::module_& m) {
   py::class_<PythonTick>(m, "Tick", "Result of a controller's tick.")
-      .def_property_readonly(
-          "torque", [](const PythonTick& t) { return array_of(t.torque); }, "N m at the joint, per motor")
-      .def_property_readonly(
-          "s", [](const PythonTick& t) { return array_of(t.s); }, "sliding variables of the channels")
-      .def_property_readonly(
-          "effector", [](const PythonTick& t) { return array_of(t.effector); }, "estimate, m")
-      .def_property_readonly(
-          "reference", [](const PythonTick& t) { return array_of(t.desired_effector); }, "m")
+      .def_property_readonly("torque", &of_tick<&PythonTick::torque>,
+                             "N m at the joint, per motor, shape (motors,)")
+      .def_property_readonly("s", &of_tick<&PythonTick::s>, "Sliding variables, shape (channels,)")
+      .def_property_readonly("effector", &of_tick<&PythonTick::effector>, "Estimate, m, shape (2,)")
+      .def_property_readonly("reference", &of_tick<&PythonTick::desired_effector>, "m, shape (2,)")
       .def_readonly("state", &PythonTick::state, "of the supervisor")
       .def_readonly("fault", &PythonTick::fault, "its name, or \"none\"")
-      .def_readonly("saturated", &PythonTick::saturated);
+      .def_readonly("saturated", &PythonTick::saturated, "whether a torque was at its limit");
   py::class_<PythonController>(m, "Controller",
                                "The firmware's controller of a scene, enabled, without a bus.")
       .def(py::init([](const PyScene& s) { return make_python_controller(s.scene); }), py::arg("scene"))
@@ -378,18 +459,10 @@ void define_loop(py::module_& m) {
           "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque)); }, py::arg("torque"),
           "Advances by one tick under torque, shape (motors,), N m at the joint.")
       .def_property_readonly("t", &PythonPlant::t, "s")
-      .def_property_readonly(
-          "angle", [](const PythonPlant& p) { return array_of(coordinates(p, false, first_joint(p), 0)); },
-          "of all joints, rad")
-      .def_property_readonly(
-          "rate", [](const PythonPlant& p) { return array_of(coordinates(p, true, first_joint(p), 0)); },
-          "of all joints, rad/s")
-      .def_property_readonly(
-          "q", [](const PythonPlant& p) { return array_of(coordinates(p, false, 0, 0)); },
-          "as final_state.q of a run's summary")
-      .def_property_readonly(
-          "qd", [](const PythonPlant& p) { return array_of(coordinates(p, true, 0, 0)); },
-          "as final_state.qd")
+      .def_property_readonly("angle", &coordinates<false, true>, "Of all joints, rad, shape (joints,)")
+      .def_property_readonly("rate", &coordinates<true, true>, "Of all joints, rad/s, shape (joints,)")
+      .def_property_readonly("q", &coordinates<false, false>, "As final_state.q of a run's summary")
+      .def_property_readonly("qd", &coordinates<true, false>, "As final_state.qd")
       .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
 }
 
@@ -429,12 +502,26 @@ PYBIND11_MODULE(esmc, m) {
         "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest.");
   m.def("rollout", &rollout, py::arg("scene"), py::arg("parameters"), py::arg("n") = py::none(),
         py::arg("seed") = 1, py::arg("threads") = 0, py::arg("objectives") = std::vector<std::string>{},
+        py::arg("torques") = py::none(), py::arg("every") = 0,
         "n runs on all cores. parameters: {key: (from, to)} samples a range by latin hypercube, {key: list "
         "or array} "
         "gives each case its value; keys as in a sweep. Returns arrays of shape (n,): parameters, "
-        "objectives, outcome.");
-  m.def("check", &check, py::arg("scene"), "The document of `esmc check --json`, as a dict.");
-  m.def("margins", &margins, py::arg("scene"), "The document of `esmc margins --json`, as a dict.");
+        "objectives, outcome, seed (with which run repeats the case). torques, shape (n, ticks, motors), N m "
+        "at the joints: the true mechanism under these, each held for a tick, without controller. Then the "
+        "result has q and qd at the end, shape (n, coordinates) as in final_state, or with every = k at each "
+        "k-th tick from the start on and at the end, shape (n, rows, coordinates).");
+  m.def("plan", &plan, py::arg("scene"),
+        "Times the program of a scene, reference.type = \"program\", as `esmc plan` does.");
+  m.def(
+      "sweep", &sweep, py::arg("spec"), py::arg("out") = "", py::arg("threads") = 0,
+      py::arg("restart") = false,
+      "Runs the specification of a sweep as `esmc sweep SPEC --out OUT` does, and goes on with one that was "
+      "interrupted there or here. Returns summary.json as a dict; under mpirun None but in the first "
+      "process.");
+  m.def("check", &document_of<run_check>, py::arg("scene"),
+        "The document of `esmc check --json`, as a dict.");
+  m.def("margins", &document_of<run_margins>, py::arg("scene"),
+        "The document of `esmc margins --json`, as a dict.");
   m.def("compare", &compare, py::arg("a"), py::arg("b"), py::arg("tolerance") = 0.0,
         "The document of `esmc compare A B --json`, as a dict. a, b: directories of runs.");
   m.def("model", &model, py::arg("scene"), py::arg("state"),

@@ -1,11 +1,15 @@
 #include "host_sim/python/rollout.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <limits>
+#include <utility>
 
 #include "host_sim/error.hpp"
 #include "host_sim/parallel.hpp"
+#include "host_sim/python/loop.hpp"
 #include "host_sim/record/run_options.hpp"
+#include "host_sim/sweep/lanes/cases.hpp"
 #include "host_sim/sweep/work.hpp"
 
 namespace esmc::host {
@@ -39,20 +43,101 @@ SweepSpec spec_of(const RolloutRequest& r) {
   return out;
 }
 
+void check_request(const RolloutRequest& r) {
+  if (r.cases == 0 || r.cases > Design::most_cases) refuse("n = {}: 1 to {}", r.cases, Design::most_cases);
+  if (r.threads < 0 || r.threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", r.threads);
+}
+int threads_of(const RolloutRequest& r) { return r.threads > 0 ? r.threads : processors(); }
+
+/// What the cases are, beside their results.
+RolloutResult result_of(const RolloutRequest& r, const CaseScenes& scenes) {
+  RolloutResult out;
+  out.outcomes.assign(r.cases, outcome_name(outcome_not_run));
+  for (std::size_t a = 0; a < r.parameters.size(); ++a) {
+    auto& column = out.parameters.emplace_back();
+    for (std::uint64_t i = 0; i < r.cases; ++i) column.push_back(scenes.value(i, a));
+  }
+  for (std::uint64_t i = 0; i < r.cases; ++i) out.seeds.push_back(scenes.seed(i));
+  return out;
+}
+
+/// Driven cases, a group of lanes at a time.
+class Driver {
+ public:
+  Driver(const RolloutRequest& r, const CaseScenes& scenes, std::size_t width, RolloutResult& out)
+      : r_(r), scenes_(scenes), per_case_(r.torque.size() / r.cases), width_(width), out_(out) {}
+
+  void run(std::uint64_t first, std::uint64_t end) {
+    jobs_.clear();
+    for (std::uint64_t i = first; i < end; ++i) {
+      LaneJob job;
+      job.index = i;
+      try {
+        if (!make_driven_job(scenes_.at(i), r_.ticks, r_.every, job) ||
+            (!jobs_.empty() && !(jobs_.front().settings == job.settings))) {
+          alone(i);
+          continue;
+        }
+      } catch (const InputError&) {
+        out_.outcomes[i] = "impossible";
+        continue;
+      }
+      job.numbers.torque = r_.torque.data() + i * per_case_;
+      job.numbers.states = states(i);
+      jobs_.push_back(std::move(job));
+    }
+    if (jobs_.empty()) return;
+    run_lane_jobs(lane_kernels().front(), jobs_, scores_);
+    for (std::size_t k = 0; k < jobs_.size(); ++k) {
+      out_.outcomes[jobs_[k].index] = outcome_name(outcome_ok);
+      if (!scores_[k].ok) alone(jobs_[k].index);
+    }
+  }
+
+ private:
+  double* states(std::uint64_t i) { return out_.states.data() + i * out_.rows * width_; }
+
+  void alone(std::uint64_t i) {
+    const auto plant = make_python_plant(scenes_.at(i));
+    const std::size_t motors = per_case_ / r_.ticks;
+    double* to = states(i);
+    std::vector<double> q, qd;
+    const auto keep = [&] {
+      plant->output(q, qd);
+      to = std::copy(qd.begin(), qd.end(), std::copy(q.begin(), q.end(), to));
+    };
+    out_.outcomes[i] = outcome_name(outcome_ok);
+    try {
+      for (std::uint32_t t = 0; t < r_.ticks && !stop_requested(); ++t) {
+        if (r_.every > 0 && t % r_.every == 0) keep();
+        plant->step(r_.torque.subspan(i * per_case_ + t * motors, motors));
+      }
+      keep();
+    } catch (const RunError&) {
+      out_.outcomes[i] = outcome_name(outcome_diverged);
+      std::fill(states(i), states(i + 1), std::numeric_limits<double>::quiet_NaN());
+    }
+  }
+
+  const RolloutRequest& r_;
+  CaseScenes scenes_;
+  std::size_t per_case_, width_;  // torques; numbers of a row
+  RolloutResult& out_;
+  std::vector<LaneJob> jobs_;
+  std::vector<LaneScore> scores_;
+};
+
 }  // namespace
 
 RolloutResult run_rollout(const RolloutRequest& r) {
-  if (r.cases == 0 || r.cases > Design::most_cases) refuse("n = {}: 1 to {}", r.cases, Design::most_cases);
-  if (r.threads < 0 || r.threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", r.threads);
+  check_request(r);
   const SweepSpec spec = spec_of(r);
   const CaseScenes scenes(spec);
   const auto cases = static_cast<std::size_t>(r.cases);
   const std::size_t columns = r.objectives.size();
-  RolloutResult out;
+  RolloutResult out = result_of(r, scenes);
   out.objectives.assign(cases * columns, std::numeric_limits<double>::quiet_NaN());
-  out.outcomes.assign(cases, outcome_name(outcome_not_run));
-  const WorkerConfig config{&spec, &scenes, r.threads > 0 ? r.threads : processors(),
-                            &lane_kernels().front()};
+  const WorkerConfig config{&spec, &scenes, threads_of(r), &lane_kernels().front()};
   WorkList list(std::vector<bool>(cases, false), static_cast<std::size_t>(config.jobs),
                 [&](const std::vector<Finished>& done) {
                   for (const Finished& f : done) {
@@ -63,10 +148,28 @@ RolloutResult run_rollout(const RolloutRequest& r) {
                 });
   work_off(list, config, nullptr);
   if (stop_requested()) throw Interrupted("interrupted");
-  for (std::size_t a = 0; a < spec.vary.size(); ++a) {
-    auto& column = out.parameters.emplace_back();
-    for (std::uint64_t i = 0; i < r.cases; ++i) column.push_back(scenes.value(i, a));
-  }
+  return out;
+}
+
+RolloutResult run_driven(const RolloutRequest& r) {
+  check_request(r);
+  const SweepSpec spec = spec_of(r);
+  const CaseScenes scenes(spec);
+  RolloutResult out = result_of(r, scenes);
+  out.rows = r.every > 0 ? (r.ticks - 1) / r.every + 2 : 1;
+  out.coordinates = scenes.nominal().type == MechanismType::five_bar ? 6 : 2;
+  out.states.assign(r.cases * out.rows * 2 * out.coordinates, std::numeric_limits<double>::quiet_NaN());
+  const auto lanes = static_cast<std::uint64_t>(lane_kernels().front().lanes);
+  std::atomic<std::uint64_t> next{0};
+  run_jobs(threads_of(r), [&](int) {
+    Driver driver(r, scenes, 2 * out.coordinates, out);
+    while (!stop_requested()) {
+      const std::uint64_t first = next.fetch_add(lanes);
+      if (first >= r.cases) return;
+      driver.run(first, std::min(first + lanes, r.cases));
+    }
+  });
+  if (stop_requested()) throw Interrupted("interrupted");
   return out;
 }
 

@@ -246,10 +246,15 @@ int run_plan(const RunOptions& o) {
   with_mechanism<double>(scene, [&]<class M>(const M*) {
     const PlanReport<M> report(scene);
     Log log(out.open("path.csv"), PlanReport<M>::columns(scene), report.rows());
+    if (o.capture != nullptr) log.keep(&o.capture->log);
     report.write(log);
     log.close();
     if (out.wanted()) write_scene(scene, out);
     const Json j = report.json();
+    if (o.capture != nullptr) {
+      o.capture->document = document_text(j);
+      return;
+    }
     const std::string text = report.text(j);
     publish({"plan", j, text, [&] { return report.page(o, j, text, log); }}, o.json, out);
   });

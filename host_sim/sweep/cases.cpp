@@ -320,9 +320,12 @@ const Scene& CaseScenes::at(std::uint64_t index) {
   read(index);
   scene_ = base_;
   bind(index, *scene_);
-  const std::uint64_t samples = spec_->design.samples();
-  scene_->seed = random_bits(spec_->seed, noise_stream, index % samples);
+  scene_->seed = seed(index);
   return *scene_;
+}
+
+std::uint64_t CaseScenes::seed(std::uint64_t index) const {
+  return random_bits(spec_->seed, noise_stream, index % spec_->design.samples());
 }
 
 }  // namespace esmc::host

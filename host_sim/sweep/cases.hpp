@@ -37,6 +37,8 @@ class CaseScenes {
   [[nodiscard]] const Scene& nominal() const;
   /// Value of an axis in a case: what cases.csv shows. A factor is shown as such.
   [[nodiscard]] SweepValue value(std::uint64_t index, std::size_t axis) const;
+  /// Of the noise of a case.
+  [[nodiscard]] std::uint64_t seed(std::uint64_t index) const;
   /// Mean duration of the cases, s.
   [[nodiscard]] double mean_duration() const;
   /// For tests: reads every scene again instead of changing the last one.

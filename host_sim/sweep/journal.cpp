@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <fstream>
 #include <span>
 #include <string_view>
 
@@ -36,16 +35,6 @@ bool write_all(int descriptor, const std::string& bytes) {
 }
 
 }  // namespace
-
-std::uint64_t program_hash() {
-  std::ifstream program("/proc/self/exe", std::ios::binary);
-  std::uint64_t hash = fnv_start;
-  std::string block(1U << 16U, '\0');
-  while (program.read(block.data(), static_cast<std::streamsize>(block.size())) || program.gcount() > 0) {
-    hash = fnv(hash, block.substr(0, static_cast<std::size_t>(program.gcount())));
-  }
-  return program.eof() ? hash : 0;
-}
 
 std::size_t Journal::record_size() const { return 16 + 8 * objectives_; }
 

@@ -81,7 +81,8 @@ class Journal {
   std::vector<Finished> found_;
 };
 
-/// Hash of the running program, as another build may differ in the last bit. 0 where it cannot be read.
-[[nodiscard]] std::uint64_t program_hash();
+/// Hash of the archives that compute, the same in the command and in the Python module: another build may
+/// differ in the last bit. The build makes it.
+extern const char* const program_hash;
 
 }  // namespace esmc::host

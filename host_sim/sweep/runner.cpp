@@ -137,6 +137,7 @@ bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
     LaneJob job;
     job.index = index;
     job.bundle = bundle_;
+    job.track = track_;
     bool fits = kernel_ != nullptr;
     try {
       fits = fits && make_lane_job(scenes_.at(index), spec_->wanted, one_reference_, job);
@@ -147,7 +148,10 @@ bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
       if (!run_alone(index, out)) return false;
       continue;
     }
-    if (one_reference_) bundle_ = job.bundle;
+    if (one_reference_) {
+      bundle_ = job.bundle;
+      track_ = job.track;
+    }
     auto group = std::find_if(groups_.begin(), groups_.end(), [&](const std::vector<LaneJob>& g) {
       return g.empty() || g.front().settings == job.settings;
     });

@@ -41,6 +41,7 @@ class CaseRunner {
   std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings
   std::vector<LaneScore> scores_;
   std::shared_ptr<const ReferenceBundle<double>> bundle_;  ///< of all cases, with one_reference_
+  std::shared_ptr<const std::vector<double>> track_;
 };
 
 }  // namespace esmc::host

@@ -17,6 +17,7 @@
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/record/run_options.hpp"
 #include "host_sim/sweep/output.hpp"
 #include "host_sim/sweep/ranks.hpp"
 #include "host_sim/sweep/work.hpp"
@@ -55,7 +56,7 @@ std::uint64_t identity_of(const SweepSpec& spec, const Scene& scene) {
     std::ifstream in(file, std::ios::binary);
     text = fnv(text, std::string(std::istreambuf_iterator<char>(in), {}));
   }
-  return fnv(text, fmt::format("{} {}", version, program_hash()));
+  return fnv(text, fmt::format("{} {}", version, program_hash));
 }
 
 /// Wall-clock figures, apart from everything that is repeatable.
@@ -114,7 +115,7 @@ class Sweep {
     const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (now < done_.size()) {
       const Json summary = sweep_summary(spec_, scenes_, table_);
-      fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
+      print(summary);
       throw Interrupted(fmt::format("interrupted after {} of {} cases, which the summary is of{}", now,
                                     done_.size(), journal_ ? "; the same command goes on from there" : ""));
     }
@@ -123,6 +124,13 @@ class Sweep {
   }
 
  private:
+  void print(const Json& summary) const {
+    if (o_.capture != nullptr) {
+      o_.capture->document = document_text(summary);
+    } else {
+      fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
+    }
+  }
   void keep(const std::vector<Finished>& cases) {
     for (const Finished& f : cases) {
       std::copy(f.values.begin(), f.values.end(),
@@ -146,7 +154,7 @@ class Sweep {
       out_.commit();
       journal_->remove();
     }
-    fmt::print("{}", o_.json ? document_text(summary) : sweep_text(summary));
+    print(summary);
     if (o_.json) return;
     const Json& rate = timing[timing["cpu_s"].is_null() ? "simulated_s_per_core_s" : "simulated_s_per_cpu_s"];
     fmt::print(

@@ -16,6 +16,8 @@
 namespace esmc::host {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr std::size_t largest_package = 128;
 
 // Messages. To the others: 'g' + identity: begin; 'p' + cases: do these; 'x': no more. From them: 'r' +
@@ -108,8 +110,13 @@ std::exception_ptr dispatch(WorkList& list, Ranks& ranks, const WorkerConfig& co
 std::unique_ptr<Ranks> join_ranks() {
   if (!started_together()) return nullptr;
   std::error_code error;
-  const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  void* module = ::dlopen((folder / "esmc_mpi.so").c_str(), RTLD_NOW | RTLD_GLOBAL);
+  Dl_info self{};  // of the Python module: its folder lies in that of the program
+  ::dladdr(reinterpret_cast<const void*>(&join_ranks), &self);  // NOLINT(*-reinterpret-cast)
+  const fs::path at = fs::canonical(self.dli_fname, error).parent_path();
+  void* module = nullptr;
+  for (const fs::path& folder : {at, at.parent_path()}) {
+    if (module == nullptr) module = ::dlopen((folder / "esmc_mpi.so").c_str(), RTLD_NOW | RTLD_GLOBAL);
+  }
   if (module == nullptr) {
     throw RunError(
         "mpirun has started several processes, but this program was built without MPI: install "

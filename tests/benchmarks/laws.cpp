@@ -81,9 +81,9 @@ void add_laws(bool counted) {
   add_law(counted, "law/five_bar/esmc/double", law_five_bar<LawKind::esmc, double>);
   add_law(counted, "law/five_bar/esmc_projected/double", law_five_bar<LawKind::esmc_projected, double>);
   add_law(counted, "law/rr/esmc/double", law_rr);
-  add_law(counted, "law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc>);
+  add_law(counted, "law/five_bar/straight_line_esmc/double", straight_five_bar<test::StraightEsmc<double>>);
   add_law(counted, "law/five_bar/straight_line_esmc_projected/double",
-          straight_five_bar<test::StraightProjected>);
+          straight_five_bar<test::StraightProjected<double>>);
   add_law(counted, "law/rr/straight_line_esmc/double", straight_rr);
   add_law(counted, "law/rr/hand_written_esmc/double", hand_written_rr);
 }

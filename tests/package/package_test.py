@@ -5,7 +5,7 @@ usage: package_test.py BUILD_DIR
        package_test.py --self-test     seeds an error of each kind into an unpacked package and expects it to be found
 
 Checked: name, version and dependencies; owners and modes; that no path of the build is in any file; that every header finds
-what it includes; the manual page; that the installed command runs a scene; that find_package(esmc) of the README finds the
+what it includes; the manual page; that the installed command and the Python module run a scene; that find_package(esmc) of the README finds the
 library in it with the version of the command, and refuses another one. The README's program is compiled against
 `cmake --install` by docs_test.py; here it is shown that the package holds the same files."""
 import gzip
@@ -110,6 +110,16 @@ def command(usr, place, version):
         yield "the installed command wrote no report"
 
 
+def module(usr, place):
+    folder = usr / "lib/python3/dist-packages"
+    if not (folder / "esmc.pyi").is_file():
+        yield "the types of the Python module are missing"
+    done = run("/usr/bin/python3", "-c", "import esmc; print(esmc.run(esmc.Scene.load('arm.toml').set('simulation.duration', 0.1)).digest)",
+               env={"PYTHONPATH": str(folder)}, cwd=place)
+    if not re.fullmatch(r"[0-9a-f]{16}\n", done.stdout):
+        yield f"the Python module does not run a scene: {done.stderr[-300:]}"
+
+
 def library(usr, place, version):
     major, minor, patch = version.split(".")
     for wanted, found in ((f"{major}.{minor}", True), (f"{major}.{int(minor) + 1}", False)):
@@ -140,6 +150,7 @@ def judge(build):
         yield from includes(usr)
         yield from manual(usr, usr / "bin/esmc")
         yield from command(usr, place, version)
+        yield from module(usr, place)  # of the scene that the command has left
         yield from library(usr, place, version)
         must("cmake", "--install", build, "--prefix", place / "prefix")
         installed, packed = files(place / "prefix"), files(usr)

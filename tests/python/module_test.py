@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study: 1e6 runs for the memory]"""
+"""The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study] [CLASS[.TEST] ...]
+study: 1e6 runs for the memory, 1e5 arguments for the fuzzer"""
 import copy
 import csv
 import json
@@ -186,10 +187,89 @@ class Studies(unittest.TestCase):
             self.assertEqual(plain["rms_m"][i], tracking["rms_m"])
             self.assertEqual(plain["max_rad"][i], tracking["max_rad"])
         laws = esmc.rollout(scene, {"control.law": ["esmc", "ctc", "smc"]}, objectives=["max_m"])
-        self.assertEqual(sorted(laws), ["control.law", "max_m", "outcome"])
+        self.assertEqual(sorted(laws), ["control.law", "max_m", "outcome", "seed"])
         some = esmc.rollout(scene, {"mechanism.leg.l1": [0.12, 1e-3]})
         self.assertEqual([some["outcome"][0], np.isnan(some["rms_m"][1])], ["ok", True])
 
+    def test_starts_references_and_seeds_are_single_runs(self):
+        scene = esmc.Scene.load(CIRCLE).set("simulation.duration", 0.05).set("initial", {"joints": [0.9, 1.1]}).set("limits.joint_speed", 500.0)
+        cases = {"initial.joints.1": [0.85, 0.9, 0.95], "initial.joints.2": [1.1, 1.15, 1.05], "reference.radius": [0.06, 0.065, 0.07],
+                 "reference.center.2": [0.17, 0.172, 0.168]}
+        for effects in ([], [{"type": "noise", "sigma": 1e-4}]):
+            scene.set("effects", effects)
+            result = esmc.rollout(scene, cases, seed=5, threads=2)
+            for i in range(3):
+                alone = scene.copy()
+                for key, column in cases.items():
+                    alone.set(key, column[i])
+                run = esmc.run(alone, seed=int(result["seed"][i]))
+                self.assertEqual(result["rms_m"][i], run.summary["tracking"]["rms_m"])
+                self.assertEqual(result["torque_max_nm"][i], run.summary["torque"]["max_nm"])
+        self.assertEqual(len(set(result["rms_m"])), 3)
+
+    def test_given_torques_are_single_plants(self):
+        draw = np.random.default_rng(4)
+        key = "mechanism.leg.m1"
+        lag = [{"type": "torque_lag", "time_constant": 2e-3}]
+        for path, changed, value in ((CIRCLE, "simulation.step", 1e-3), (ARM, "control.rate_hz", 1000), (CIRCLE, "control.rate_hz", 500), (CIRCLE, "effects", lag)):
+            scene = esmc.Scene.load(path).set(changed, value)
+            torque, mass = draw.normal(scale=0.3, size=(11, 40, 2)), np.linspace(0.09, 0.11, 11)
+            ends = [esmc.rollout(scene, {key: mass}, torques=torque, threads=t) for t in (1, 3)]
+            rows = esmc.rollout(scene, {key: mass}, torques=torque, every=15)
+            np.testing.assert_array_equal(ends[0]["q"], ends[1]["q"])
+            np.testing.assert_array_equal(rows["q"][:, -1], ends[0]["q"])
+            np.testing.assert_array_equal(rows["qd"][:, -1], ends[0]["qd"])
+            self.assertEqual((set(rows["outcome"]), rows["q"].shape[1]), ({"ok"}, 4))
+            for i in range(11):
+                plant = esmc.Plant(scene.copy().set(key, mass[i]))
+                for k in range(40):
+                    if k % 15 == 0:
+                        np.testing.assert_array_equal(plant.q, rows["q"][i, k // 15])
+                    plant.step(torque[i, k])
+                np.testing.assert_array_equal(plant.q, ends[0]["q"][i])
+                np.testing.assert_array_equal(plant.qd, ends[0]["qd"][i])
+        wild = esmc.rollout(short(CIRCLE), {}, torques=np.array([np.full((300, 2), 1e9), np.zeros((300, 2))]))
+        self.assertEqual((list(wild["outcome"]), np.isnan(wild["q"][0]).all()), (["diverged", "ok"], True))
+
+    def test_plan_is_the_command(self):
+        scene = str(SCENES / "five_bar_pick_and_place.toml")
+        plan = esmc.plan(esmc.Scene.load(scene))
+        with tempfile.TemporaryDirectory() as out:
+            self.assertEqual(plan.summary, command("plan", scene, "--out", out + "/p"))
+            with open(out + "/p/path.csv", newline="", encoding="ascii") as f:
+                head, *rows = list(csv.reader(f))
+        self.assertEqual(list(plan.path), head)
+        np.testing.assert_array_equal(np.column_stack(list(plan.path.values())), np.array(rows, float))
+
+    def test_sweeps_go_on_where_the_command_stopped(self):
+        with tempfile.TemporaryDirectory() as d:
+            spec = pathlib.Path(d) / "spec.toml"
+            spec.write_text(f"""scene = "{CIRCLE}"
+set = ["simulation.duration=2.0", "effects=[{{type='noise', sigma=1e-5}}]"]
+[sample]
+method = "latin_hypercube"
+count = 200
+[[vary]]
+key = "control.gain"
+from = 20.0
+to = 200.0
+""")
+            whole = esmc.sweep(str(spec), out=d + "/whole", threads=2)
+            self.assertEqual(whole, json.loads((pathlib.Path(d) / "whole/summary.json").read_text()))
+            self.assertEqual(whole, esmc.sweep(str(spec)))
+            running = subprocess.Popen([ESMC, "sweep", str(spec), "--out", d + "/cut", "--jobs", "1"], stdout=subprocess.DEVNULL)
+            journal = pathlib.Path(d) / "cut/sweep.journal"
+            while running.poll() is None and not (journal.exists() and journal.stat().st_size > 1000):
+                time.sleep(0.01)
+            running.kill()
+            running.wait()
+            self.assertTrue(journal.exists())
+            self.assertEqual(esmc.sweep(str(spec), out=d + "/cut"), whole)
+            for name in ("cases.csv", "summary.json"):
+                self.assertEqual((pathlib.Path(d) / "cut" / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
+
+
+class Memory(unittest.TestCase):
     def test_memory_stays(self):
         def resident():
             return int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -231,7 +311,11 @@ class Misuse(unittest.TestCase):
             lambda: esmc.rollout(s, {}, threads=-1), lambda: esmc.rollout(s, {}, objectives=["speed"]),
             lambda: esmc.model(s, {}), lambda: esmc.model(s, {"theta": [1.0]}), lambda: esmc.model(s, {"theta": [n, n]}), lambda: esmc.model(s, []),
             lambda: esmc.model(s, {"x": 5.0, "y": 5.0}), lambda: esmc.model(s, {"theta": "north"}), lambda: esmc.compare("a", "b"),
-            lambda: pickle.loads(pickle.dumps(s)).set("a", 1),
+            lambda: pickle.loads(pickle.dumps(s)).set("a", 1), lambda: esmc.plan(s), lambda: esmc.sweep("no_such.toml"), lambda: esmc.sweep(CIRCLE),
+            lambda: esmc.sweep("x", threads=-1), lambda: esmc.rollout(s, {}, torques=[[1.0]]), lambda: esmc.rollout(s, {}, torques=np.zeros((2, 3, 1))),
+            lambda: esmc.rollout(s, {}, torques=np.full((1, 2, 2), n)), lambda: esmc.rollout(s, {}, n=3, torques=np.zeros((2, 3, 2))),
+            lambda: esmc.rollout(s, {}, torques=np.zeros((0, 3, 2))), lambda: esmc.rollout(s, {}, n=2, every=1), lambda: esmc.rollout(s, {}, torques=object()),
+            lambda: esmc.rollout(s, {}, torques=np.zeros((2, 3, 2)), objectives=["rms_m"]), lambda: esmc.rollout(s, {}, torques=np.zeros((1, 1, 2)), every=-1),
         ]
         self.assertGreaterEqual(len(cases), 40)
         for k, case in enumerate(cases):
@@ -249,18 +333,37 @@ class Misuse(unittest.TestCase):
         import random
         draw = random.Random(5)
         s = short(CIRCLE, 0.01)
+        circle, deep = {}, []
+        circle["control.lambda"] = circle
+        for _ in range(5000):
+            deep = [deep]
+
+        class Odd:
+            """Raises, or answers with something else, wherever it is asked."""
+            def raises(self, *_):
+                raise draw.choice([ValueError, TypeError, KeyError])("odd")
+            tolist = __len__ = __iter__ = __str__ = __repr__ = __float__ = __index__ = __getitem__ = raises
+            __array__ = raises
+
+        def torques(x=None, *_, **named):
+            return esmc.rollout(s, {}, torques=x, **named)
+
         values = [None, True, 0, -1, 2**70, 0.5, float("inf"), "", "x", "control.lambda", b"y", [], [1.0], [1.0] * 4, (1.0, 2.0), {}, {"control.lambda": (20.0, 30.0)},
-                  {"theta": [1.0, 1.2]}, np.ones(4), np.ones((2, 2)), np.array(["a"]), np.array([1], dtype=object), s, object(), [[1], 2]]
+                  {"theta": [1.0, 1.2]}, np.ones(4), np.ones((2, 2)), np.array(["a"]), np.array([1], dtype=object), s, object(), [[1], 2],
+                  np.full(4, np.nan), np.full((2, 3, 2), np.inf), np.ones((4, 8))[::2, ::3], np.ones((4, 6, 4))[::2, 1:, ::2], np.ones(4, np.float16),
+                  np.ones(4, complex), np.broadcast_to(1.0, (1, 1000, 2)), "a\x00b", "\ud800", "x" * 100000, 1e308, -0.0, 10**400, -(2**63), circle, deep, Odd(), [Odd()],
+                  {"control.lambda": Odd()}, {Odd(): 1.0}, {"theta": Odd()}, {"plant.leg.m1": [0.1, None]}, memoryview(b"1234"), np.datetime64("2020-01-01"), np.ma.masked,
+                  range(3), {1, 2}, iter([1.0]), type, esmc.Scene, NotImplemented]
         things = [esmc.run, esmc.rollout, esmc.check, esmc.margins, esmc.model, esmc.compare, esmc.Scene.load, s.copy().set, esmc.Controller, esmc.Plant,
-                  esmc.Controller(s).tick, esmc.Plant(s).step]
+                  esmc.Controller(s).tick, esmc.Plant(s).step, esmc.plan, esmc.sweep, s.copy().__setstate__, torques]
         raised = 0
-        for _ in range(4000):
+        for _ in range(100_000 if STUDY else 4000):
             thing = draw.choice(things)
             arguments = [draw.choice([s.copy(), *values]) for _ in range(draw.randrange(4))]
-            named = {draw.choice(["n", "seed", "threads", "mode", "objectives", "tolerance"]): draw.choice(values) for _ in range(draw.randrange(2))}
+            named = {draw.choice(["n", "seed", "threads", "mode", "objectives", "tolerance", "torques", "every", "out"]): draw.choice(values) for _ in range(draw.randrange(2))}
             try:
                 thing(*arguments, **named)
-            except (ValueError, TypeError, RuntimeError, KeyError, AttributeError, OverflowError) as e:
+            except (ValueError, TypeError, RuntimeError, KeyError, AttributeError, OverflowError, RecursionError, MemoryError) as e:
                 raised += 1
                 self.assertNotIn("std::", str(e))
         self.assertGreater(raised, 2000)
@@ -288,4 +391,4 @@ class Stubs(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=1)
+    unittest.main(argv=[sys.argv[0], *(a for a in sys.argv[3:] if a != "study")], verbosity=1)

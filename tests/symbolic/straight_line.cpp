@@ -47,8 +47,7 @@ class Program {
     std::ostringstream out;
     for (const int i : order_) {
       if (!fixed_[at(i)] || name_[at(i)].empty()) continue;
-      out << "    " << (kept_[at(i)] ? "" : "const double ") << name_[at(i)] << " = " << right_side(i)
-          << ";\n";
+      out << "    " << (kept_[at(i)] ? "" : "const S ") << name_[at(i)] << " = " << right_side(i) << ";\n";
     }
     return out.str();
   }
@@ -63,7 +62,7 @@ class Program {
       if (std::find(angles.begin(), angles.end(), n.a) == angles.end()) angles.push_back(n.a);
     }
     for (const int i : angles) statement(i, out);
-    if (!angles.empty()) out << "    const auto a = sin_cos(std::array<double, " << angles.size() << ">{";
+    if (!angles.empty()) out << "    const auto a = sin_cos(std::array<S, " << angles.size() << ">{";
     for (std::size_t k = 0; k < angles.size(); ++k) out << (k == 0 ? "" : ", ") << name(angles[k]);
     if (!angles.empty()) out << "});\n";
     for (const int i : order_) {
@@ -120,7 +119,7 @@ class Program {
     statement(n.a, out);
     if (binary(n)) statement(n.b, out);
     number(i, "t");
-    out << "    const double " << name_[at(i)] << " = " << right_side(i) << ";\n";
+    out << "    const S " << name_[at(i)] << " = " << right_side(i) << ";\n";
   }
   void number(int i, const std::string& letter) {
     int& last = count_[letter];
@@ -187,15 +186,15 @@ void print_class(const std::string& name, const std::string& comment, const std:
                  const std::vector<S>& outputs) {
   Program program(outputs);
   const std::string constructor = program.constructor(), body = program.body();
-  std::cout << "/// " << comment << "\nclass " << name
+  std::cout << "/// " << comment << "\ntemplate <class S>\nclass " << name
             << " {\n public:\n  static constexpr int operations = " << program.operations()
             << ";  ///< per call; a sine counts as one\n\n  explicit " << name << "(" << fixed << ") {\n"
-            << constructor << "  }\n\n  /// " << call_comment << "\n  [[nodiscard]] std::array<double, "
+            << constructor << "  }\n\n  /// " << call_comment << "\n  [[nodiscard]] std::array<S, "
             << outputs.size() << "> operator()(" << arguments << ") const {\n"
             << body << "    return {";
   for (std::size_t i = 0; i < outputs.size(); ++i)
     std::cout << (i == 0 ? "" : ", ") << program.name(outputs[i].id());
-  std::cout << "};\n  }\n\n private:\n  double " << program.members() << ";\n};\n\n";
+  std::cout << "};\n  }\n\n private:\n  S " << program.members() << ";\n};\n\n";
 }
 
 void print_forward_dynamics() {
@@ -235,9 +234,9 @@ void print_forward_dynamics() {
   print_class(
       "StraightLine",
       "Joint accelerations of a five-bar without friction, by minimal coordinates. Pole at type 2.",
-      "const FiveBarParams<double>& p",
+      "const FiveBarParams<S>& p",
       "theta11, theta12, theta21, theta22 (closed), rad; theta11', theta21', rad/s; joint torques, N m.",
-      "const std::array<double, 4>& theta, const std::array<double, 2>& rate, const std::array<double, 4>& "
+      "const std::array<S, 4>& theta, const std::array<S, 2>& rate, const std::array<S, 4>& "
       "torque",
       outputs);
 }
@@ -302,11 +301,10 @@ void print_law(const std::string& name, const std::string& of, const std::string
   typename M::Channels acceleration, sliding;
   fused_acceleration(law, m, g, Reaching::implicit, t, acceleration, sliding);
   const Vec2<S> torque = m.base_torque(t.pose, m.force(acceleration, t.rates));
-  print_class(
-      name, of + " from state and reference to base-joint torque, without friction.",
-      "const " + params + "<double>& p, const Gains<" + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& g",
-      "N m.", std::string("const Tracking<") + (M::joints == 4 ? "FiveBar" : "Rr") + "<double>>& t",
-      {torque[0], torque[1]});
+  print_class(name, of + " from state and reference to base-joint torque, without friction.",
+              "const " + params + "<S>& p, const Gains<" + (M::joints == 4 ? "FiveBar" : "Rr") + "<S>>& g",
+              "N m.", std::string("const Tracking<") + (M::joints == 4 ? "FiveBar" : "Rr") + "<S>>& t",
+              {torque[0], torque[1]});
 }
 
 void print() {

@@ -22,11 +22,22 @@ void put_start(const Scene& scene, LaneCase& out) {
   out.rate = state.rate;
 }
 
-/// False where the scene has a part that lanes do not cover: another mechanism, effects, four motors or
-/// sensors, a reference of the joints or of the measured start.
+void put_steps(const Scene& scene, LaneSettings& s) {
+  s.tick = scene.tick();
+  s.steps = std::max(
+      1, static_cast<int>(std::ceil(s.tick / (s.tick / steps_per_tick(scene)) - 1e-9)));  // as Actuators
+  s.step = s.tick / s.steps;
+}
+
+/// False where lanes do not cover the mechanism: another one, effects, four motors.
+bool plant_fits(const Scene& s) {
+  return s.type == MechanismType::five_bar && s.effects.empty() && !s.all_motors && s.method == Method::rk4 &&
+         !s.accuracy;
+}
+/// False where the scene has another part that they do not cover: four sensors, a reference of the joints or
+/// of the measured start.
 bool fits_lanes(const Scene& s) {
-  return s.type == MechanismType::five_bar && s.closed_loop() && s.effects.empty() && !s.all_motors &&
-         !s.all_sensors && s.method == Method::rk4 && !s.accuracy &&
+  return plant_fits(s) && s.closed_loop() && !s.all_sensors &&
          s.reference.type != ReferenceType::joint_sine && s.reference.type != ReferenceType::none &&
          (s.reference.type != ReferenceType::hold || s.reference.position);
 }
@@ -81,10 +92,7 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   s.working_mode = scene.working_mode;
   s.assembly_mode = scene.assembly_mode;
   s.ticks = tick_count(scene);
-  s.tick = scene.tick();
-  s.steps = std::max(
-      1, static_cast<int>(std::ceil(s.tick / (s.tick / steps_per_tick(scene)) - 1e-9)));  // as Actuators
-  s.step = s.tick / s.steps;
+  put_steps(scene, s);
   s.base_errors = wants_base_errors(wanted);
   s.one_reference = one_reference;
   LaneCase& n = out.numbers;
@@ -93,7 +101,28 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   n.believed = believed_mechanism(scene);
   n.plant = scene.mechanism;
   s.true_lengths = same_lengths(n.believed, n.plant);
+  constexpr std::uint32_t longest_track = 1U << 16U;  // 3 MB
+  if (one_reference && s.ticks <= longest_track) {
+    if (!out.track || out.track->size() != std::size_t{6} * s.ticks) {
+      auto rows = std::make_shared<std::vector<double>>(std::size_t{6} * s.ticks);
+      fill_references(s, &n, 1, 0, s.ticks, rows->data());
+      out.track = std::move(rows);
+    }
+    s.track = out.track->data();
+  }
   put_start(scene, n);
+  return true;
+}
+
+bool make_driven_job(const Scene& scene, std::uint32_t ticks, std::uint32_t every, LaneJob& out) {
+  if (!plant_fits(scene)) return false;
+  out.settings = {};
+  out.settings.ticks = ticks;
+  out.settings.driven = true;
+  out.settings.every = every;
+  put_steps(scene, out.settings);
+  out.numbers.believed = out.numbers.plant = scene.mechanism;
+  put_start(scene, out.numbers);
   return true;
 }
 

@@ -16,13 +16,19 @@ struct LaneJob {
   LaneSettings settings;
   LaneCase numbers;
   std::shared_ptr<const ReferenceBundle<double>> bundle;
+  std::shared_ptr<const std::vector<double>> track;
 };
 
 /// False where the scene has a part that lanes do not cover, as effects, joining, a ramp or a sign test.
-/// `wanted`: objectives; `one_reference`: no key of [reference] varies, and a bundle that `out` has is used
-/// again. Sets all of `out` but the index. Throws InputError where robust gains are refused.
+/// `wanted`: objectives; `one_reference`: no key of [reference] varies, and bundle and track that `out` has
+/// are used again. Sets all of `out` but the index. Throws InputError where robust gains are refused.
 [[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
                                  LaneJob& out);
+
+/// The same for a mechanism under given torques of `ticks` ticks, N m, which the caller adds to `out.numbers`
+/// with the place of the states.
+[[nodiscard]] bool make_driven_job(const Scene& scene, std::uint32_t ticks, std::uint32_t every,
+                                   LaneJob& out);
 
 /// Runs jobs of equal settings, 1 to kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);

@@ -26,6 +26,10 @@ struct LaneSettings {
   bool true_lengths = true;       ///< what the controller believes
   bool base_errors = true;        ///< wanted
   bool one_reference = true;      ///< for all lanes
+  const double* track =
+      nullptr;              ///< its rows of all ticks, see fill_references; null: each group computes them
+  bool driven = false;      ///< by given torques: no controller, reference and sums
+  std::uint32_t every = 0;  ///< driven: states are kept every so many ticks from the start on, 0: none
 
   friend bool operator==(const LaneSettings&, const LaneSettings&) = default;
 };
@@ -36,6 +40,9 @@ struct LaneCase {
   JoinedReference<double> reference;  ///< looks into the bundle of its job
   FiveBarParams<double> believed, plant;
   std::array<double, 4> angle{}, rate{};  ///< of the plant's bars at t = 0, closed
+  // Driven:
+  const double* torque = nullptr;  ///< of the two base motors, tick by tick, N m
+  double* states = nullptr;        ///< takes q and qd of final_state: those kept, then the end
 };
 
 struct LaneScore {

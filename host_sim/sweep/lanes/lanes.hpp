@@ -11,8 +11,10 @@
 
 #include <array>
 #include <bit>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 #include "firmware/numeric/elementary.hpp"
 
@@ -51,35 +53,53 @@ struct LaneBits {
   friend LaneBits operator>>(LaneBits a, int n) { return V(a.v >> static_cast<std::uint64_t>(n)); }
 };
 
-/// All bits of a lane, or none.
+/// Whether masks of N lanes are the bits of a mask register, which makes their logic nearly free; else all
+/// bits of a lane, or none, say so.
+template <int N>
+inline constexpr bool mask_register =
+#ifdef __AVX512DQ__
+    N == 8;
+#else
+    false;
+#endif
+
+/// A truth per lane.
 template <int N, class Tag>
 struct LaneMask {
-  using V = typename LaneVectors<N>::Masks;
+  using V = std::conditional_t<mask_register<N>, std::uint8_t, typename LaneVectors<N>::Masks>;
   V v;
   LaneMask() = default;
-  LaneMask(V x) : v(x) {}  // NOLINT(google-explicit-constructor)
-  explicit LaneMask(bool all) : v(V{} - (all ? 1 : 0)) {}
+  template <std::same_as<V> T>  // and no bool
+  LaneMask(T x) : v(x) {}       // NOLINT(google-explicit-constructor)
+  explicit LaneMask(bool all) : v(V(V{} - (all ? 1 : 0))) {}
   friend LaneMask operator!(LaneMask a) { return V(~a.v); }
   friend LaneMask operator&&(LaneMask a, LaneMask b) { return V(a.v & b.v); }
   friend LaneMask operator||(LaneMask a, LaneMask b) { return V(a.v | b.v); }
   /// Whether the mask is false in every lane; marks no lane as stray.
   friend bool none(LaneMask a) {
-#ifdef __AVX512DQ__
-    if constexpr (N == 8) return _mm512_movepi64_mask((__m512i)a.v) == 0;
-#endif
+    if constexpr (mask_register<N>) {
+      return a.v == 0;
+    } else {
 #ifdef __AVX2__
-    if constexpr (N == 4) return _mm256_testz_si256((__m256i)a.v, (__m256i)a.v) != 0;
+      if constexpr (N == 4) return _mm256_testz_si256((__m256i)a.v, (__m256i)a.v) != 0;
 #endif
-    std::int64_t some = 0;
-    for (int i = 0; i < N; ++i) some |= a.v[i];
-    return some == 0;
+      std::int64_t some = 0;
+      for (int i = 0; i < N; ++i) some |= a.v[i];
+      return some == 0;
+    }
   }
-  [[nodiscard]] bool operator[](int i) const { return v[i] != 0; }
+  [[nodiscard]] bool operator[](int i) const {
+    if constexpr (mask_register<N>) {
+      return (v >> i & 1) != 0;
+    } else {
+      return v[i] != 0;
+    }
+  }
 
   /// Lanes in which an `if` should have been taken since this was last cleared.
   static inline thread_local constinit V stray{};
   explicit operator bool() const {
-    stray |= v;
+    stray = V(stray | v);
     return false;
   }
 };
@@ -96,7 +116,7 @@ struct Lanes {
   Lanes() = default;
   Lanes(V x) : v(x) {}             // NOLINT(google-explicit-constructor)
   Lanes(double x) : v(x - V{}) {}  // NOLINT(google-explicit-constructor): x - 0 is x, that of -0 included
-  explicit Lanes(Mask m) : v(std::bit_cast<V>(m.v & std::bit_cast<typename Mask::V>(Lanes(1.0).v))) {}
+  explicit Lanes(Mask m) : v(choose(m, Lanes(1.0), Lanes(0.0)).v) {}
   /// Reads (store: writes) N doubles, one per lane; any alignment.
   [[nodiscard]] static Lanes load(const double* from) {
     Lanes out;
@@ -117,18 +137,25 @@ struct Lanes {
   Lanes& operator-=(Lanes b) { return *this = *this - b; }
   Lanes& operator*=(Lanes b) { return *this = *this * b; }
   Lanes& operator/=(Lanes b) { return *this = *this / b; }
-  friend Mask operator<(Lanes a, Lanes b) { return mask(a.v < b.v); }
-  friend Mask operator<=(Lanes a, Lanes b) { return mask(a.v <= b.v); }
-  friend Mask operator>(Lanes a, Lanes b) { return mask(a.v > b.v); }
-  friend Mask operator>=(Lanes a, Lanes b) { return mask(a.v >= b.v); }
-  friend Mask operator==(Lanes a, Lanes b) { return mask(a.v == b.v); }
-  friend Mask operator!=(Lanes a, Lanes b) { return mask(a.v != b.v); }
+  friend Mask operator<(Lanes a, Lanes b) { return mask<less>(a, b, a.v < b.v); }
+  friend Mask operator<=(Lanes a, Lanes b) { return mask<less_equal>(a, b, a.v <= b.v); }
+  friend Mask operator>(Lanes a, Lanes b) { return mask<greater>(a, b, a.v > b.v); }
+  friend Mask operator>=(Lanes a, Lanes b) { return mask<greater_equal>(a, b, a.v >= b.v); }
+  friend Mask operator==(Lanes a, Lanes b) { return mask<equal>(a, b, a.v == b.v); }
+  friend Mask operator!=(Lanes a, Lanes b) { return mask<unequal>(a, b, a.v != b.v); }
   /// Value of lane 0; for numbers that are the same in all lanes.
   explicit operator std::uint32_t() const { return static_cast<std::uint32_t>(v[0]); }
 
   friend Lanes choose(Mask c, Lanes yes, Lanes no) {
-    using B = typename Mask::V;
-    return std::bit_cast<V>(B((std::bit_cast<B>(yes.v) & c.v) | (std::bit_cast<B>(no.v) & ~c.v)));
+#ifdef __AVX512DQ__
+    if constexpr (mask_register<N>)
+      return V(_mm512_mask_blend_pd(c.v, (__m512d)no.v, (__m512d)yes.v));
+    else
+#endif
+    {
+      using B = typename Mask::V;
+      return std::bit_cast<V>(B((std::bit_cast<B>(yes.v) & c.v) | (std::bit_cast<B>(no.v) & ~c.v)));
+    }
   }
   friend Lanes magnitude(Lanes a) { return from(bits_of(a) & ~sign_bit); }
   friend Lanes abs(Lanes a) { return magnitude(a); }
@@ -155,7 +182,7 @@ struct Lanes {
     using C = ieee::Constants<double>;
     const Bits ay = bits_of(y) & ~sign_bit, ax = bits_of(x) & ~sign_bit;
     const Bits steep = (ax - ay) & Bits(sign_bit);  // ay > ax: neither has the bit
-    const Mask is_steep = mask(steep.v != 0U);
+    const Mask is_steep = sign_mask(steep);
     const Lanes large = choose(is_steep, from(ay), from(ax)), small = choose(is_steep, from(ax), from(ay));
     if (!none(!(large >= Lanes(1.0 / C::kSafe) && large <= Lanes(C::kSafe)))) [[unlikely]]
       return each(EachLane::arc_tangent2, y, x);
@@ -167,9 +194,8 @@ struct Lanes {
     const Lanes turn = t - t * z * ieee::horner(z, C::kAtan);
     const Bits left = bits_of(x) & Bits(sign_bit);
     // The row of C::kAtanCentre: 0 to 2 for the centre, 3 more where it is steep, 6 more to the left.
-    const Bits row = Bits(std::bit_cast<typename Bits::V>(-one.v - half.v)) +
-                     ((steep >> 63) + ((steep >> 62) & Bits(2))) + ((left >> 62) & Bits(2)) +
-                     ((left >> 61) & Bits(4));
+    const Bits row = ones(one) + ones(half) + ((steep >> 63) + ((steep >> 62) & Bits(2))) +
+                     ((left >> 62) & Bits(2)) + ((left >> 61) & Bits(4));
     const Lanes angle = entry(heads, row) + (entry(tails, row) + from(bits_of(turn) ^ left ^ steep));
     return from(bits_of(angle) ^ (bits_of(y) & Bits(sign_bit)));
   }
@@ -204,9 +230,33 @@ struct Lanes {
 
  private:
   static constexpr std::uint64_t sign_bit = std::uint64_t{1} << 63U;
-  template <class C>
-  static Mask mask(C comparison) {
-    return std::bit_cast<typename Mask::V>(comparison);
+  enum Comparison { equal = 0, less = 1, less_equal = 2, unequal = 4, greater_equal = 13, greater = 14 };
+  template <Comparison c, class Vectors>
+  static Mask mask([[maybe_unused]] Lanes a, [[maybe_unused]] Lanes b, [[maybe_unused]] Vectors compared) {
+#ifdef __AVX512DQ__
+    if constexpr (mask_register<N>)
+      return _mm512_cmp_pd_mask((__m512d)a.v, (__m512d)b.v, c);
+    else
+#endif
+      return std::bit_cast<typename Mask::V>(compared);
+  }
+  /// Where the sign bit is set; `b` has no other.
+  static Mask sign_mask(Bits b) {
+#ifdef __AVX512DQ__
+    if constexpr (mask_register<N>)
+      return _mm512_movepi64_mask((__m512i)b.v);
+    else
+#endif
+      return std::bit_cast<typename Mask::V>(b.v != 0U);
+  }
+  /// 1 where m is true, else 0.
+  static Bits ones(Mask m) {
+#ifdef __AVX512DQ__
+    if constexpr (mask_register<N>)
+      return typename Bits::V(_mm512_maskz_set1_epi64(m.v, 1));
+    else
+#endif
+      return std::bit_cast<typename Bits::V>(-m.v);
   }
   /// C::kAtanCentre, its heads and its tails.
   static constexpr std::size_t rows = 16;

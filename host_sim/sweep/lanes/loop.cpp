@@ -15,13 +15,28 @@
 
 namespace esmc::host {
 
+/// The mechanism under torques at its base joints, without its work.
+template <class Plant>
+class LaneSystem : public MechanismState<Plant, 0> {
+ public:
+  using Base = MechanismState<Plant, 0>;
+  using State = typename Base::State;
+  using Base::Base;
+  typename Plant::Joints torque{};  ///< N m
+  static constexpr std::size_t size() { return Base::work; }
+  void slope(double, const State& y, State& dy) const {
+    const auto rate = Base::rates(y);
+    Base::put(dy, rate, this->plant().acceleration(Base::angles(y), rate, torque));
+  }
+};
+
 template <class L>
 class LaneLoop {
  public:
   using M = FiveBar<L>;
   using Mask = typename L::Mask;
   using Plant = FiveBarPlantOf<BothLegs<L>, L>;
-  using System = BareSystem<Plant>;
+  using System = LaneSystem<Plant>;
   static constexpr int n = L::count;
 
   LaneLoop(const LaneSettings& s, const LaneCase* cases)
@@ -43,21 +58,35 @@ class LaneLoop {
   }
 
   void run(LaneScore* out) {
-    constexpr std::uint32_t block = 64;
-    alignas(64) std::array<double, static_cast<std::size_t>(block * 6 * n)> track;
-    for (std::uint32_t first = 0; first < settings_.ticks && !none(fine_); first += block) {
-      const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
-      fill_references(settings_, cases_, n, first, count, track.data());
-      track_ = {track.data(), first, settings_.one_reference};
-      for (std::uint32_t i = 0; i < count; ++i) tick(first + i);
-      fine_ = fine_ && !Mask(Mask::stray);
+    if (settings_.driven) {
+      for (std::uint32_t i = 0; i < settings_.ticks && !none(fine_); ++i) drive(i);
+      keep_state();
+    } else {
+      follow();
     }
+    fine_ = fine_ && !Mask(Mask::stray);
     const typename Plant::Angles angle = System::angles(y_), rate = System::rates(y_);
     for (std::size_t i = 0; i < angle.size(); ++i) fine_ = fine_ && finite(angle[i]) && finite(rate[i]);
     put(out);
   }
 
  private:
+  /// All ticks under the controller.
+  void follow() {
+    constexpr std::uint32_t block = 64;
+    alignas(64) std::array<double, static_cast<std::size_t>(block * 6 * n)> track;
+    for (std::uint32_t first = 0; first < settings_.ticks && !none(fine_); first += block) {
+      const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
+      if (settings_.track != nullptr) {
+        track_ = {settings_.track, 0, true};
+      } else {
+        fill_references(settings_, cases_, n, first, count, track.data());
+        track_ = {track.data(), first, settings_.one_reference};
+      }
+      for (std::uint32_t i = 0; i < count; ++i) tick(first + i);
+      fine_ = fine_ && !Mask(Mask::stray);
+    }
+  }
   /// `to` becomes of(case) of all lanes: a struct of numbers, or a vector.
   template <class To, class F>
   void gather(To& to, const F& of) const {
@@ -121,7 +150,33 @@ class LaneLoop {
     }
     const TickResult<M> done = controller_.tick(sample_, supervisor_);
     record(number, plant_.output(state), done);
-    system_.set_torques({{done.torque[0], L(0.0), done.torque[2], L(0.0)}, nullptr});
+    advance(done.torque[0], done.torque[2]);
+  }
+
+  /// A tick of a driven case.
+  void drive(std::uint32_t number) {
+    if (settings_.every > 0 && number % settings_.every == 0) keep_state();
+    std::array<L, 2> torque;
+    for (int lane = 0; lane < n; ++lane) {
+      for (std::size_t i = 0; i < 2; ++i) torque[i].v[lane] = cases_[lane].torque[2 * number + i];
+    }
+    advance(torque[0], torque[1]);
+  }
+  void keep_state() {
+    const auto o = plant_.output({System::angles(y_), System::rates(y_)});
+    for (int lane = 0; lane < n; ++lane) {
+      double* to = cases_[lane].states + kept_;
+      for (std::size_t i = 0; i < o.q.size(); ++i) {
+        to[i] = o.q[i][lane];
+        to[o.q.size() + i] = o.qd[i][lane];
+      }
+    }
+    kept_ += 2 * static_cast<std::ptrdiff_t>(o.q.size());
+  }
+
+  /// The mechanism by one tick.
+  void advance(L torque1, L torque2) {
+    system_.torque = {torque1, L(0.0), torque2, L(0.0)};
     for (int i = 0; i < settings_.steps; ++i) stepper_.step(0.0, settings_.step, y_);
   }
 
@@ -177,6 +232,7 @@ class LaneLoop {
   typename System::State y_;
   RunSums<L> sums_;
   Mask fine_{true};
+  std::ptrdiff_t kept_ = 0;  // numbers
 };
 
 namespace {
