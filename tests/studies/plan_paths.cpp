@@ -117,7 +117,6 @@ bool one(std::uint64_t seed, Count& count) {
   if (hold < 0.0) return false;
   const double dry = 0.2 * (M::joints == 4 ? 0.3 : 3.0);  // moves where no weight is
   p.controller.torque_limit.setConstant(std::max(hold / 0.8, dry) * (1.0 + r.in<double>(0, 3)) + 0.2);
-  p.grid = 300;
   ++count.tried;
   try {
     const auto plan = host::plan::plan(p);
