@@ -5,23 +5,22 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/plan/guard.hpp"
-#include "host_sim/plan/table.hpp"
+#include "host_sim/plan/measure.hpp"
 
 namespace esmc::host::plan {
 namespace {
 
 using Shares = std::array<double, kinds>;
-/// Where no plant is to saturate: share of the torque that is left to the sampled loop, and time in which the
-/// acceleration of the path changes from one value to another. A loop that samples cannot follow a jump.
-constexpr double loop_reserve = 0.07, loop_ticks = 8.0;
-constexpr double at_limit = 0.99;                  ///< share from which a limit counts as active
+/// Time in which the acceleration of the path changes from one value to another where no plant is to
+/// saturate: a loop that samples cannot follow a jump.
+constexpr double loop_ticks = 8.0;
 constexpr double longest = 1e6, most_ticks = 4e9;  ///< s, of a program; of its table
 
 template <class M>
 class Planner {
  public:
-  explicit Planner(const Problem<M>& p) : p_(p), route_(p), motors_(p), guard_(p, motors_) {}
+  explicit Planner(const Problem<M>& p)
+      : p_(p), route_(p), motors_(p), guard_(p, motors_), measured_(p, route_, motors_) {}
 
   Plan run() {
     out_.deviation = route_.deviation();
@@ -31,6 +30,7 @@ class Planner {
     for (const Stretch& s : route_.stretches()) {
       rest_until(s.first, s.rest);
       stretch_ = &s;
+      measured_.begin(s);
       set_grid();
       check_way();
       const Timing timing = s.time ? in_time() : optimal();
@@ -107,10 +107,8 @@ class Planner {
 
   /// Guards of the controller along the stretch.
   void check_way() {
-    slow_ = false;
     for (std::size_t i = 0; i < place_.size(); ++i) guard_.check(place_[i], piece_[i]->move);
     for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) {
-      slow_ = slow_ || p_.moves[i].speed || p_.moves[i].acceleration;
       if (guard_.changes_mode(i))
         refuse(i, "working_mode", "is not that at the end of the move, which is mechanism.working_mode");
     }
@@ -163,7 +161,7 @@ class Planner {
         if (i == 0 || k + 1 == x.size()) continue;
         const double u = (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k]));
         const Motion2<double> m = motion_at(place_[i].tip, {0.0, root, u});
-        const auto d = desired(m);
+        const auto d = measured_.desired(m);
         if (!d) continue;
         const auto [low, high] = motors_.reserve(*d, m);
         for (std::size_t j = 0; j < low.size(); ++j) {
@@ -177,7 +175,7 @@ class Planner {
 
   Timing optimal() {
     Shares all;
-    for (std::size_t k = 0; k < kinds; ++k) all[k] = allowed(static_cast<LimitKind>(k));
+    for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
     std::vector<Shares> most(place_.size(), all);  // share of each limit that may be used, point by point
     Timing timing;
     Squares x;
@@ -218,14 +216,10 @@ class Planner {
   }
   /// Measures a timing: its largest share of what is allowed, 1 if that is not exceeded.
   double excess(const Timing& timing) {
-    (void)measure(timing);
+    (void)measured_.take(timing);
     double share = 1.0;
-    for (const Excess& e : excess_) share = std::max(share, e.share / allowed(e.kind));
+    for (const Excess& e : measured_.excess()) share = std::max(share, e.share / measured_.allowed(e.kind));
     return share;
-  }
-  /// Share of a limit that an optimal timing may use.
-  [[nodiscard]] double allowed(LimitKind kind) const {
-    return kind == LimitKind::torque && p_.uncertain ? 1.0 - loop_reserve : 1.0;
   }
   /// What is taken beyond an excess: places between those that were measured may take a little more.
   [[nodiscard]] double spare() const { return 10.0 / static_cast<double>(place_.size() * place_.size()); }
@@ -236,11 +230,11 @@ class Planner {
     const auto index = [&](double s) {
       return static_cast<std::size_t>(std::upper_bound(grid_.s.begin(), grid_.s.end(), s) - grid_.s.begin());
     };
-    for (const Excess& e : excess_) {
+    for (const Excess& e : measured_.excess()) {
       const auto k = static_cast<std::size_t>(e.kind);
       const std::size_t first = 2 * index(e.from), last = std::min(2 * index(e.to), most.size() - 1);
       for (std::size_t i = first > 2 ? first - 3 : 0; i <= last; ++i) {
-        const double less = before[i][k] * allowed(e.kind) / (e.share * (1.0 + spare()));
+        const double less = before[i][k] * measured_.allowed(e.kind) / (e.share * (1.0 + spare()));
         most[i][k] = std::min(most[i][k], std::max(least, less));
       }
     }
@@ -248,8 +242,8 @@ class Planner {
 
   Timing in_time() {
     Timing timing = Timing::quintic(stretch_->length, *stretch_->time);
-    const double where = measure(timing);
-    const Uses use = use_;
+    const double where = measured_.take(timing);
+    const Uses use = measured_.use();
     for (std::size_t k = 0; k < kinds; ++k) {
       for (std::size_t i = 0; i < use[k].size(); ++i) {
         if (use[k][i].share <= 1.0) continue;
@@ -311,86 +305,13 @@ class Planner {
     return most;
   }
 
-  [[nodiscard]] std::vector<TimedPiece> table(const Timing& timing) const {
-    return fit_quintics(timing.breaks(), [&](double t) {
-      const Timing::State after = timing.at(t);
-      const CurvePoint tip = route_.tip(*stretch_, after.s);
-      return Knot{motion_at(tip, timing.at(t, true)), motion_at(tip, after)};
-    });
-  }
-  std::optional<Desired<M>> desired(const Motion2<double>& m) const {
-    return desired_at_effector(p_.controller.mechanism, p_.controller.mode, m.position, m.velocity,
-                               m.acceleration);
-  }
-
-  /// Sets table_, and use_ and excess_ to the shares of all limits, tick by tick and at the ends of the
-  /// quintics. Returns the time of the largest, s.
-  double measure(const Timing& timing) {
-    table_ = table(timing);
-    use_ = {};
-    excess_.clear();
-    double most = 0.0, where = 0.0;
-    const double duration = timing.duration(), step = std::max(p_.tick, duration / 20000.0);
-    const auto n = static_cast<std::uint64_t>(duration / step);
-    std::size_t k = 0;
-    const auto look = [&](double t, const Motion2<double>& m, double weight) {
-      const double share = add_use(timing, t, m, weight);
-      if (share > most) where = t;
-      most = std::max(most, share);
-    };
-    for (std::uint64_t i = 0; i <= n; ++i) {
-      const double t = static_cast<double>(i) * step;
-      while (k + 1 < table_.size() && table_[k + 1].begin <= t) ++k;
-      look(t, table_[k].curve.at(t - table_[k].begin), step);
-    }
-    for (const TimedPiece& piece : table_) {
-      look(piece.begin, piece.curve.at(0.0), 0.0);
-      look(piece.begin + piece.curve.duration, piece.curve.at(piece.curve.duration), 0.0);
-    }
-    return where;
-  }
-  /// Adds the motion m at time t, which lasts for `weight`, s. Returns its largest share.
-  double add_use(const Timing& timing, double t, const Motion2<double>& m, double weight) {
-    const auto d = desired(m);
-    if (!d) refuse(piece_at(timing.at(t).s).move, "to", "leads out of reach at " + place_text(m.position));
-    double most = 0.0;
-    const auto add = [&](LimitKind kind, std::size_t i, double share) {
-      Use& use = use_[static_cast<std::size_t>(kind)][i];
-      use.share = std::max(use.share, share);
-      most = std::max(most, share);
-      if (share > allowed(kind)) {
-        const auto span = timing.span(t);
-        excess_.push_back({span.first, span.second, kind, share});
-      }
-      if (share > at_limit * allowed(kind)) use.active += weight;
-    };
-    const Loads loads = motors_.shares(*d, m);
-    for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i)
-      add(LimitKind::torque, i, loads[i]);
-    const Vec2<double> rate = M::base(d->rates), acceleration = M::base(d->acceleration);
-    for (std::size_t i = 0; i < 2; ++i)
-      add(LimitKind::joint_speed, i,
-          std::abs(rate[static_cast<int>(i)]) / (speed_reserve * p_.controller.limits.joint_speed));
-    if (!slow_) return most;
-    const Piece& piece = piece_at(timing.at(t).s);
-    for (std::size_t k = piece.move; k <= piece.next; ++k) {
-      const MoveScene& move = p_.moves[k];
-      const bool joint = move.kind == MoveKind::joint;
-      if (move.speed)
-        add(LimitKind::speed, 0, (joint ? rate.cwiseAbs().maxCoeff() : m.velocity.norm()) / *move.speed);
-      if (move.acceleration)
-        add(LimitKind::acceleration, 0,
-            (joint ? acceleration.cwiseAbs().maxCoeff() : m.acceleration.norm()) / *move.acceleration);
-    }
-    return most;
-  }
-
   /// Adds a stretch to the plan, with the timing that was measured last.
   void append(const Timing& timing) {
+    const Uses& use = measured_.use();
     for (std::size_t k = 0; k < kinds; ++k) {
-      for (std::size_t i = 0; i < use_[k].size(); ++i) {
-        out_.use[k][i].share = std::max(out_.use[k][i].share, use_[k][i].share);
-        out_.use[k][i].active += use_[k][i].active;
+      for (std::size_t i = 0; i < use[k].size(); ++i) {
+        out_.use[k][i].share = std::max(out_.use[k][i].share, use[k][i].share);
+        out_.use[k][i].active += use[k][i].active;
       }
     }
     for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) {
@@ -399,7 +320,7 @@ class Planner {
         jerk.share = std::max(jerk.share, jerk_share(timing));
       }
     }
-    for (const TimedPiece& piece : table_) {
+    for (const TimedPiece& piece : measured_.table()) {
       const double begin = now_ + piece.begin, ticks = std::ceil(begin / p_.tick - 1e-9);
       const PathSegment<double> segment{static_cast<std::uint32_t>(std::min(ticks, most_ticks)),
                                         std::max(0.0, ticks * p_.tick - begin), piece.curve};
@@ -421,21 +342,12 @@ class Planner {
   Route<M> route_;
   MotorLimits<M> motors_;
   WayGuard<M> guard_;
+  Measurement<M> measured_;
   const Stretch* stretch_ = nullptr;
   Grid grid_;
   std::vector<Place<M>> place_;      // points of the grid and the middles between them
   std::vector<const Piece*> piece_;  // of each place
   std::vector<Loads> low_, high_;    // reserve
-  struct Excess {
-    double from, to;  // part of the path
-    LimitKind kind;
-    double share;
-  };
-  bool slow_ = false;  // a move of the stretch limits speed or acceleration
-  // Of the last measurement.
-  std::vector<Excess> excess_;
-  std::vector<TimedPiece> table_;
-  Uses use_{};
   Plan out_;
   double now_ = 0.0, moving_ = 0.0;  // s
 };
