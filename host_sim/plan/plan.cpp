@@ -330,9 +330,18 @@ class Planner {
     for (const Piece& piece : stretch_->pieces)  // a blend is halved between its moves
       out_.end[piece.move] = now_ + timing.time_of(piece.at + (piece.blend() ? 0.5 : 1.0) * piece.length());
     out_.end[stretch_->last] = now_ + timing.duration();
+    if (p_.bound) add_bound(timing);
     now_ += timing.duration();
     moving_ += timing.duration();
-    if (!p_.bound) return;
+  }
+  void add_bound(const Timing& timing) {
+    set_rows();
+    const std::vector<double> limits = speed_limits(grid_);
+    for (std::size_t i = 0; i < limits.size(); i += 2) {
+      if (limits[i] >= 0.0)
+        out_.limit_curve.emplace_back(now_ + timing.time_of(grid_.s[i / 2]),
+                                      place_[i].tip.d1.norm() * std::sqrt(limits[i]));
+    }
     set_rows(true);
     const Squares x = solve({});
     out_.bound += Timing(grid_.s, x).duration();

@@ -26,8 +26,11 @@ struct Plan {
   double bound = 0.0;      ///< s: along the same path with no limit but the motors' torque, and the dwells
   double deviation = 0.0;  ///< m: largest of all corners
   std::vector<Vec2<double>> from, from_base;  ///< where each move begins, m and rad; and the end of the last
-  std::vector<double> end;                    ///< s, when each move has ended; a blend is halved
-  Uses use{};                                 ///< per kind, and per motor or joint; effector: the first
+  /// Time, s, and the largest speed of the effector, m/s, that the limits allow there at some acceleration:
+  /// asked for with `bound`.
+  std::vector<std::pair<double, double>> limit_curve;
+  std::vector<double> end;  ///< s, when each move has ended; a blend is halved
+  Uses use{};               ///< per kind, and per motor or joint; effector: the first
 };
 
 /// Plans a program. Throws Refused.

@@ -187,6 +187,25 @@ double time_along(const std::vector<double>& s, const std::vector<double>& x) {
 
 }  // namespace
 
+std::vector<double> speed_limits(const Grid& grid) {
+  std::vector<double> out;
+  Step step;
+  for (std::size_t i = 0; i + 1 < grid.first.size(); ++i) {
+    double x = 0.0;
+    for (int pass = 0; pass < 4; ++pass) {  // the tangent of sqrt(x) at the limit before
+      step.clear(0.0, any_square);
+      const double root = std::sqrt(std::max(x, 0.0));
+      for (std::size_t k = grid.first[i]; k < grid.first[i + 1]; ++k) {
+        const Row& r = grid.rows[k];
+        step.add(r.a, root > 0.0 ? r.b + r.d / (2.0 * root) : r.b, r.c - 0.5 * r.d * root);
+      }
+      x = step.end(true);
+    }
+    out.push_back(x);
+  }
+  return out;
+}
+
 std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked) {
   const bool viscous = std::ranges::any_of(grid.rows, [](const Row& r) { return r.d != 0.0; });
   Squares out = start;

@@ -49,6 +49,10 @@ struct Squares {
 /// Sets `blocked` to the index of a point that no speed passes, where it fails.
 [[nodiscard]] std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked);
 
+/// The largest x, place by place, for which the rows there leave some u: the limit curve of the speed.
+/// Viscous rows by tangents, so that it is a little low where they rule.
+[[nodiscard]] std::vector<double> speed_limits(const Grid& grid);
+
 /// Position on the path as a function of time, from rest to rest.
 class Timing {
  public:
