@@ -156,22 +156,22 @@ int study(int plants, const char* picture) {
                             {"up, consistent, law", true, true, Inside::law},
                             {"up, consistent, reference", true, true, Inside::reference},
                             {"up, plain, law", true, false, Inside::law}};
+  constexpr double speeds[] = {0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0};
   std::vector<host::Series> curves;
-  fmt::print(
-      "| way, torque near type 2 | speed, m/s | nominal plant | of {} plants, % | median, largest error of "
-      "these, mm | saturated ticks, mean |\n",
-      plants);
-  fmt::print("|---|---|---|---|---|---|\n");
-  int nominal_through = 0;
+  fmt::print("| way, torque near type 2 |");
+  for (const double speed : speeds) fmt::print(" {:g} m/s |", speed);
+  fmt::print("\n|---|---|---|---|---|---|---|---|\n");
+  int missed = 0;  // passages of the nominal plant that are sure to work
   for (const Case& c : cases) {
     curves.push_back({c.name, {}});
-    for (const double pace : {0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0}) {
+    fmt::print("| {} |", c.name);
+    for (const double pace : speeds) {
       const double speed = c.up ? pace : -pace;
       const double a = consistent_acceleration(loop.model(), y, speed);
       const Way way(y, speed, c.consistent ? a : 0.0);
       Random r(2311);
       int through = 0, saturated = 0;
-      std::vector<double> worst{0.0};
+      std::vector<double> worst;
       for (int i = 0; i < plants; ++i) {
         const Result one = loop.run(sample(r, 0.05), way, c.inside);
         through += one.through ? 1 : 0;
@@ -180,22 +180,22 @@ int study(int plants, const char* picture) {
       }
       std::ranges::sort(worst);
       const Result nominal = loop.run(five_bar_example(), way, c.inside);
-      nominal_through += nominal.through && c.consistent ? 1 : 0;
+      if (c.consistent && pace >= 0.5 && !nominal.through) ++missed;
       const double share = 100.0 * through / plants;
       curves.back().points.emplace_back(pace, share);
-      fmt::print("| {} | {:g} | {} | {:.3g} | {:.2g}, {:.2g} | {:.2g} |\n", c.name, pace,
-                 nominal.through ? fmt::format("through, {:.2g} mm", 1e3 * nominal.worst) : "not through",
-                 share, 1e3 * worst[worst.size() / 2], 1e3 * worst.back(),
+      fmt::print(" {:.3g} %, {}, {:.2g} |", share,
+                 through > 0 ? fmt::format("{:.2g}", 1e3 * worst[worst.size() / 2]) : "-",
                  static_cast<double>(saturated) / plants);
       std::fflush(stdout);
     }
+    fmt::print("\n");
   }
   if (picture != nullptr) {
     std::ofstream(picture) << host::standalone(
         host::chart_svg("Passage of type 2 with two motors", "speed there, m/s", "plants that get through, %",
                         curves, host::Scale::linear, host::Scale::linear));
   }
-  return nominal_through > 0 ? 0 : 1;
+  return missed == 0 ? 0 : 1;
 }
 
 }  // namespace

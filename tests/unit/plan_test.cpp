@@ -260,13 +260,19 @@ Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan) {
   return out;
 }
 
-TEST(Plan, OptimalTimesAreTrackedLikeLongerOnes) {
+/// All of the torque leaves the loop nothing at a jump of acceleration; 7 %, as the plan keeps for
+/// [uncertainty], do.
+TEST(Plan, ReserveOfTheLoopTracksOptimalTimesLikeLongerOnes) {
   const auto p = hook<FiveBar<double>>();
-  const Plan plan = host::plan::plan(p);
+  const Tracked all = tracked(p, host::plan::plan(p));
+  EXPECT_GT(all.saturated, 0);
+  EXPECT_LE(all.worst, 2e-3);
+  auto less = p;
+  less.controller.torque_limit *= 0.93;
+  const Plan plan = host::plan::plan(less);
   const Tracked fast = tracked(p, plan), slow = tracked(p, stretched(plan, 1.05, p.tick));
-  std::printf("optimal: %.3g mm, %d ticks of %u saturated; 1.05 x the time: %.3g mm, %d\n", 1e3 * fast.worst,
-              fast.saturated, plan.ticks, 1e3 * slow.worst, slow.saturated);
   EXPECT_LE(fast.worst, 2.0 * slow.worst);
+  EXPECT_LT(fast.saturated, all.saturated);
 }
 
 TEST(Plan, FourMotorsAreFasterThanTwo) {
