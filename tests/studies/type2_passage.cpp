@@ -54,8 +54,13 @@ class Way {
       : start_(speed > 0.0 ? lower_y : upper_y), end_(speed > 0.0 ? upper_y : lower_y) {
     const Motion2<double> begin{{0, start_}, {0, 0}, {0, 0}}, end{{0, end_}, {0, 0}, {0, 0}},
         middle{{0, y}, {0, speed}, {0, acceleration}};
-    first_ = Quintic<double>::between(begin, middle, 2.0 * (y - start_) / speed);
-    second_ = Quintic<double>::between(middle, end, 2.0 * (end_ - y) / speed);
+    // With an acceleration at the end a long quintic would swing far beyond its ends.
+    const auto time = [&](double d) {
+      const double usual = 2.0 * std::abs(d / speed);
+      return acceleration == 0.0 ? usual : std::min(usual, 2.0 * std::sqrt(std::abs(d / acceleration)));
+    };
+    first_ = Quintic<double>::between(begin, middle, time(y - start_));
+    second_ = Quintic<double>::between(middle, end, time(end_ - y));
   }
   [[nodiscard]] double start() const { return start_; }  ///< m
   [[nodiscard]] double end() const { return end_; }

@@ -17,7 +17,7 @@ inline Gains<FiveBar<double>> usual_gains(double tick) {
   return g;
 }
 
-/// What the law gets: the measured state and the wanted motion of the effector.
+/// What the law gets: the measured state and the wanted motion of the effector, which must be in reach.
 template <class Output>
 Tracking<FiveBar<double>> track(const FiveBar<double>& model, const FiveBar<double>::Mode& mode,
                                 const Output& o, const Motion2<double>& wanted) {
@@ -25,10 +25,11 @@ Tracking<FiveBar<double>> track(const FiveBar<double>& model, const FiveBar<doub
   t.pose = model.pose({o.q[2], o.q[3], o.q[4], o.q[5]});
   t.rates.platform = {o.qd[0], o.qd[1]};
   t.rates.leg = {{Vec2<double>(o.qd[2], o.qd[3]), Vec2<double>(o.qd[4], o.qd[5])}};
-  const auto d = desired_at_effector(model, mode, wanted.position, wanted.velocity, wanted.acceleration);
-  t.desired_pose = d->pose;
-  t.desired_rates = d->rates;
-  t.desired_acceleration = d->acceleration;
+  const auto d =
+      desired_at_effector(model, mode, wanted.position, wanted.velocity, wanted.acceleration).value();
+  t.desired_pose = d.pose;
+  t.desired_rates = d.rates;
+  t.desired_acceleration = d.acceleration;
   return t;
 }
 
