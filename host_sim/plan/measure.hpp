@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "host_sim/plan/guard.hpp"
-#include "host_sim/plan/plan.hpp"
 #include "host_sim/plan/table.hpp"
 
 namespace esmc::host::plan {

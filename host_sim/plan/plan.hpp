@@ -1,7 +1,6 @@
 #pragma once
 /// From the moves of a program to a table of quintics that the firmware follows, timed within all limits.
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -9,15 +8,6 @@
 #include "host_sim/plan/timing.hpp"
 
 namespace esmc::host::plan {
-
-/// Largest share of a limit along the program, and the share of the time of motion at the limit.
-struct Use {
-  double share = 0.0, active = 0.0;
-};
-
-/// Per kind, and per motor or joint.
-inline constexpr auto kinds = static_cast<std::size_t>(LimitKind::count);
-using Uses = std::array<std::array<Use, 4>, kinds>;
 
 struct Plan {
   std::vector<PathSegment<double>> path;  ///< effector, m; at rest between and after them

@@ -8,6 +8,7 @@
 /// any other. Both ends and the middle of an interval meet their rows, with the slope of u that the solution
 /// before had: the error falls with the square of the grid.
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -25,6 +26,15 @@ enum class LimitKind : std::uint8_t {
   jerk,
   count
 };
+
+/// Largest share of a limit along the program, and the share of the time of motion at the limit.
+struct Use {
+  double share = 0.0, active = 0.0;
+};
+
+/// Per kind, and per motor or joint.
+inline constexpr auto kinds = static_cast<std::size_t>(LimitKind::count);
+using Uses = std::array<std::array<Use, 4>, kinds>;
 
 /// a u + b x + d sqrt(x) <= c.
 struct Row {
