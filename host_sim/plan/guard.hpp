@@ -21,19 +21,18 @@ class WayGuard {
   void check(const Place<M>& place, std::size_t move) {
     const auto& c = p_.controller;
     const auto& pose = place.at.pose;
-    const std::string where = place_text(place.tip.p);
-    check_modes(pose, move, where);
+    check_modes(pose, move);
     if (!c.limits.workspace_x.contains(pose.effector.x()) ||
         !c.limits.workspace_y.contains(pose.effector.y()))
-      throw Refused(move, "to", "leads beyond limits.workspace at " + where);
+      throw Refused(move, "to", "leads beyond limits.workspace at " + place_text(pose.effector));
     const Vec2<double> wrapped = M::base_angles(pose);
     for (int k = 0; k < 2; ++k) {
       constexpr double turn = 2.0 * std::numbers::pi;
       base_[k] = wrapped[k] + turn * std::round((base_[k] - wrapped[k]) / turn);
       if (c.limits.joint_angle[static_cast<std::size_t>(k)].contains(base_[k])) continue;
       throw Refused(move, "to",
-                    fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad", where,
-                                k + 1, base_[k]));
+                    fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
+                                place_text(pose.effector), k + 1, base_[k]));
     }
     const Desired<M> rest{pose, M::Rates::Zero(), M::Rates::Zero()};
     const Loads still = motors_.shares(rest, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
@@ -42,7 +41,7 @@ class WayGuard {
     throw Refused(
         move, "to",
         fmt::format("leads to {}, where motor {} takes {:.3g} % of its torque to hold the mechanism at rest",
-                    where, most - still.begin() + 1, 100.0 * *most));
+                    place_text(pose.effector), most - still.begin() + 1, 100.0 * *most));
   }
   /// Whether a move states another working mode than the controller has.
   [[nodiscard]] bool changes_mode(std::size_t move) const {
@@ -58,7 +57,7 @@ class WayGuard {
   }
 
  private:
-  void check_modes(const typename M::Pose& pose, std::size_t move, const std::string& where) const {
+  void check_modes(const typename M::Pose& pose, std::size_t move) const {
     const auto& c = p_.controller;
     const double type1 = M::min_abs_sin_type1(pose), type2 = M::sin_type2_in_mode(pose, c.mode);
     if (!(type1 >= c.limits.min_abs_sin_type1) || !M::in_working_mode(pose, c.mode)) {
@@ -68,15 +67,15 @@ class WayGuard {
           fmt::format(
               "{} at {}: |sin theta_j2| = {:.3g}, limits.min_abs_sin_type1 = {:g}, and the controller "
               "keeps its working mode",
-              asked ? "changes by crossing type 1" : "leads into a type-1 singularity", where, type1,
-              c.limits.min_abs_sin_type1));
+              asked ? "changes by crossing type 1" : "leads into a type-1 singularity",
+              place_text(pose.effector), type1, c.limits.min_abs_sin_type1));
     }
     const bool regular = c.motors == Motors::all && c.sensors == Sensors::all;
     if (regular || type2 >= c.limits.min_abs_sin_type2) return;
     throw Refused(move, "to",
                   fmt::format("leads {} at {}: |D2| = {:.3g}, limits.min_abs_sin_type2 = {:g}",
                               type2 < 0.0 ? "into the other assembly mode" : "into a type-2 singularity",
-                              where, std::abs(type2), c.limits.min_abs_sin_type2));
+                              place_text(pose.effector), std::abs(type2), c.limits.min_abs_sin_type2));
   }
 
   const Problem<M>& p_;

@@ -15,10 +15,9 @@ inline constexpr double speed_reserve = 0.98;
 inline constexpr const char* kind_text[] = {
     "the motors' torque", "limits.joint_speed", "acceleration", "speed", "acceleration", "jerk"};
 
-/// Motion of the effector at a place that the path passes with a state of its timing.
-template <class M>
-[[nodiscard]] Motion2<double> motion_at(const Place<M>& at, const Timing::State& s) {
-  return {at.tip.p, at.tip.d1 * s.rate, at.tip.d2 * (s.rate * s.rate) + at.tip.d1 * s.acceleration};
+/// Motion of the effector at a point that the path passes with a state of its timing.
+[[nodiscard]] inline Motion2<double> motion_at(const CurvePoint& tip, const Timing::State& s) {
+  return {tip.p, tip.d1 * s.rate, tip.d2 * (s.rate * s.rate) + tip.d1 * s.acceleration};
 }
 
 /// Loads of the motors as shares of what they can give. Two motors: each one's torque. Four: the force across
@@ -35,6 +34,8 @@ class MotorLimits {
   explicit MotorLimits(const Problem<M>& p) : p_(p), four_(p.controller.allocate != nullptr) {
     if (p.uncertain) uncertain_ = *p.uncertain;
     if (uncertain_) uncertain_->points.resize(1);
+    for (const auto& list : {p.friction.viscous, p.friction.dry, p.friction.asymmetry})
+      for (const double v : list) rubs_ = rubs_ || v != 0.0;
   }
   MotorLimits(const MotorLimits&) = delete;
   MotorLimits& operator=(const MotorLimits&) = delete;
@@ -68,7 +69,9 @@ class MotorLimits {
   [[nodiscard]] Channels forces(const M& m, const Desired<M>& d) const {
     Channels a = m.channel_accelerations(d.pose, d.rates, d.acceleration);
     m.add_rotors(a);
-    return m.force(a, M::Rates::Zero()) + friction(d.rates, p_.friction.viscous) + dry(d.rates);
+    Channels w = m.force(a, M::Rates::Zero());
+    if (rubs_) w += friction(d.rates, p_.friction.viscous) + dry(d.rates);
+    return w;
   }
 
   /// Largest share of the motors that a motion takes, of each load; the worst plant where there is
@@ -88,13 +91,14 @@ class MotorLimits {
     return out;
   }
 
-  /// Adds the rows of the motors at a place; low, high: reserve(); most: share of the motors that may be
-  /// used.
-  void add_rows(const Place<M>& at, const Loads& low, const Loads& high, double most,
-                std::vector<Row>& out) const {
+  /// Adds the rows of the motors at a place; low, high: reserve().
+  void add_rows(const Place<M>& at, const Loads& low, const Loads& high, std::vector<Row>& out) const {
     const Desired<M>& d = at.at;
-    const Loads viscous = loads(d.pose, friction(d.rates, p_.friction.viscous)),
-                stick = loads(d.pose, dry(d.rates));
+    Loads viscous{}, stick{};
+    if (rubs_) {
+      viscous = loads(d.pose, friction(d.rates, p_.friction.viscous));
+      stick = loads(d.pose, dry(d.rates));
+    }
     const auto add = [&](const M& m) {
       const auto still = M::Rates::Zero();
       const Channels weight = m.force(Channels::Zero().eval(), still);
@@ -106,8 +110,8 @@ class MotorLimits {
                   b = loads(d.pose, m.force(bend, still) - weight), c = loads(d.pose, weight);
       for (std::size_t i = 0; i < static_cast<std::size_t>(count()); ++i) {
         const double rest = c[i] + stick[i];
-        out.push_back({a[i], b[i], viscous[i], most + low[i] - rest});
-        out.push_back({-a[i], -b[i], -viscous[i], most - high[i] + rest});
+        out.push_back({a[i], b[i], viscous[i], 1.0 + low[i] - rest, LimitKind::torque});
+        out.push_back({-a[i], -b[i], -viscous[i], 1.0 - high[i] + rest, LimitKind::torque});
       }
     };
     add(p_.controller.mechanism);
@@ -170,36 +174,38 @@ class MotorLimits {
   }
 
   const Problem<M>& p_;
-  bool four_;
+  bool four_, rubs_ = false;  // four motors; friction
   std::optional<design::Problem<M>> uncertain_;
 };
 
-/// Adds the rows of speeds and accelerations that `move` and the controller allow; `most`: share that may be
-/// used of each kind.
+/// What is left of the right side of a row where only a share of its limit may be used.
+[[nodiscard]] inline double lowered(const Row& r, double share) {
+  if (r.kind == LimitKind::torque) return r.c - (1.0 - share);
+  return r.kind == LimitKind::acceleration ? r.c * share : r.c * share * share;
+}
+
+/// Adds the rows of speeds and accelerations that `move` and the controller allow.
 template <class M>
-void add_motion_rows(const Problem<M>& p, const Piece& piece, const Place<M>& at,
-                     const std::array<double, static_cast<std::size_t>(LimitKind::count)>& most,
-                     std::vector<Row>& out) {
-  const auto share = [&](LimitKind k) { return most[static_cast<std::size_t>(k)]; };
+void add_motion_rows(const Problem<M>& p, const Piece& piece, const Place<M>& at, std::vector<Row>& out) {
   const auto square = [](double v) { return v * v; };
   for (int i = 0; i < 2; ++i) {
-    const double allowed = speed_reserve * share(LimitKind::joint_speed) * p.controller.limits.joint_speed;
-    out.push_back({0.0, square(at.base1[i]), 0.0, square(allowed)});
+    const double allowed = speed_reserve * p.controller.limits.joint_speed;
+    out.push_back({0.0, square(at.base1[i]), 0.0, square(allowed), LimitKind::joint_speed});
   }
   for (std::size_t k = piece.move; k <= piece.next; ++k) {
     const MoveScene& m = p.moves[k];
-    const double speed = m.speed.value_or(0.0) * share(LimitKind::speed),
-                 acceleration = m.acceleration.value_or(0.0) * share(LimitKind::acceleration);
+    const double speed = m.speed.value_or(0.0), acceleration = m.acceleration.value_or(0.0);
+    constexpr LimitKind fast = LimitKind::speed, hard = LimitKind::acceleration;
     if (m.kind == MoveKind::joint) {
       for (int i = 0; i < 2; ++i) {
-        if (m.speed) out.push_back({0.0, square(at.base1[i]), 0.0, square(speed)});
+        if (m.speed) out.push_back({0.0, square(at.base1[i]), 0.0, square(speed), fast});
         if (!m.acceleration) continue;
-        out.push_back({at.base1[i], at.base2[i], 0.0, acceleration});
-        out.push_back({-at.base1[i], -at.base2[i], 0.0, acceleration});
+        out.push_back({at.base1[i], at.base2[i], 0.0, acceleration, hard});
+        out.push_back({-at.base1[i], -at.base2[i], 0.0, acceleration, hard});
       }
       continue;
     }
-    if (m.speed) out.push_back({0.0, at.tip.d1.squaredNorm(), 0.0, square(speed)});
+    if (m.speed) out.push_back({0.0, at.tip.d1.squaredNorm(), 0.0, square(speed), fast});
     if (!m.acceleration) continue;
     // A polygon in the disc of accelerations, with corners along and across the path.
     constexpr int sides = 32;
@@ -209,7 +215,7 @@ void add_motion_rows(const Problem<M>& p, const Piece& piece, const Place<M>& at
       const double angle = 2.0 * std::numbers::pi * (i + 0.5) / sides;
       const Vec2<double> normal = along * std::cos(angle) + perp(along) * std::sin(angle);
       out.push_back({normal.dot(at.tip.d1), normal.dot(at.tip.d2), 0.0,
-                     acceleration * std::cos(std::numbers::pi / sides)});
+                     acceleration * std::cos(std::numbers::pi / sides), hard});
     }
   }
 }

@@ -24,7 +24,7 @@ CurvePoint Piece::point(double t) const {
   switch (kind) {
     case Kind::polynomial: {
       const double u = t / scale;
-      for (std::size_t k = c.size(); k-- > 0;) {  // Horner's rule, with three derivatives
+      for (std::size_t k = terms; k-- > 0;) {  // Horner's rule, with three derivatives
         out.d3 = out.d3 * u + 3.0 * out.d2;
         out.d2 = out.d2 * u + 2.0 * out.d1;
         out.d1 = out.d1 * u + out.p;
@@ -54,6 +54,7 @@ CurvePoint Piece::point(double t) const {
 
 Piece line(const Vec2<double>& from, const Vec2<double>& to) {
   Piece out;
+  out.terms = 2;
   out.end = (to - from).norm();
   out.c[0] = from;
   out.c[1] = (to - from) / out.end;
@@ -94,6 +95,7 @@ std::vector<Piece> spline(const std::vector<Vec2<double>>& points) {
   std::vector<Piece> out;
   for (std::size_t i = 0; i + 1 < points.size(); ++i) {
     Piece p;
+    p.terms = 4;
     const double h = p.end = span[i];
     p.c[0] = points[i];
     p.c[1] = (points[i + 1] - points[i]) / h - h / 6.0 * (2.0 * m[i] + m[i + 1]);
@@ -108,7 +110,7 @@ Piece blend_between(const CurvePoint& a, const CurvePoint& b) {
   Piece out;
   const double pace = 0.5 * (a.d1.norm() + b.d1.norm());
   double length = (b.p - a.p).norm() / pace;
-  for (int pass = 0; pass < 4; ++pass) {  // its parameter runs as fast as that of its neighbours
+  for (int pass = 0; pass < 3; ++pass) {  // its parameter runs as fast as that of its neighbours
     const double L = length, L2 = L * L, L3 = L2 * L;
     auto& c = out.c;
     c[0] = a.p;
@@ -124,7 +126,7 @@ Piece blend_between(const CurvePoint& a, const CurvePoint& b) {
     out.scale = out.end = L;
     double sum = 0.0;
     Vec2<double> last = a.p;
-    constexpr int parts = 32;
+    constexpr int parts = 16;
     for (int i = 1; i <= parts; ++i) {
       const Vec2<double> now = out.point(L * i / parts).p;
       sum += (now - last).norm();

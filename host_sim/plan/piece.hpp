@@ -21,6 +21,7 @@ struct Piece {
   enum class Kind { polynomial, arc, joint } kind = Kind::polynomial;
   /// polynomial: powers of t / scale, m. arc: c[0] the centre, m. joint: c[0] start, rad, c[1] direction.
   std::array<Vec2<double>, 8> c = zeros();
+  std::size_t terms = 8;  ///< of c that are not zero
   double scale = 1.0;
   double radius = 0.0, angle = 0.0, turn = 0.0;  ///< arc: m, rad at t = 0, rad per m
   double begin = 0.0, end = 0.0;                 ///< part of the curve that is in the path
@@ -32,6 +33,7 @@ struct Piece {
     out.fill(Vec2<double>::Zero());
     return out;
   }
+  [[nodiscard]] bool straight() const { return kind == Kind::polynomial && terms == 2; }
   [[nodiscard]] bool blend() const { return move != next; }
   [[nodiscard]] double length() const { return end - begin; }
   /// Point of a curve in the plane; of a joint piece base angles, rad.

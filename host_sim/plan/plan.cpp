@@ -5,23 +5,22 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_sim/plan/guard.hpp"
-#include "host_sim/plan/table.hpp"
+#include "host_sim/plan/measure.hpp"
 
 namespace esmc::host::plan {
 namespace {
 
 using Shares = std::array<double, kinds>;
-/// Where no plant is to saturate: share of the torque that is left to the sampled loop, and time in which the
-/// acceleration of the path changes from one value to another. A loop that samples cannot follow a jump.
-constexpr double loop_reserve = 0.07, loop_ticks = 8.0;
-constexpr double at_limit = 0.99;                  ///< share from which a limit counts as active
+/// Time in which the acceleration of the path changes from one value to another where no plant is to
+/// saturate: a loop that samples cannot follow a jump.
+constexpr double loop_ticks = 8.0;
 constexpr double longest = 1e6, most_ticks = 4e9;  ///< s, of a program; of its table
 
 template <class M>
 class Planner {
  public:
-  explicit Planner(const Problem<M>& p) : p_(p), route_(p), motors_(p), guard_(p, motors_) {}
+  explicit Planner(const Problem<M>& p)
+      : p_(p), route_(p), motors_(p), guard_(p, motors_), measured_(p, route_, motors_) {}
 
   Plan run() {
     out_.deviation = route_.deviation();
@@ -31,6 +30,7 @@ class Planner {
     for (const Stretch& s : route_.stretches()) {
       rest_until(s.first, s.rest);
       stretch_ = &s;
+      measured_.begin(s);
       set_grid();
       check_way();
       const Timing timing = s.time ? in_time() : optimal();
@@ -66,11 +66,13 @@ class Planner {
     const auto& pieces = stretch_->pieces;
     grid_.s.clear();
     place_.clear();
+    piece_.clear();
     for (std::size_t k = 0; k < pieces.size(); ++k) {
       const Piece& piece = pieces[k];
       const double share = piece.length() / stretch_->length;
-      const auto n =
-          std::max<std::size_t>(12, static_cast<std::size_t>(share * static_cast<double>(p_.grid)));
+      const auto n = std::max<std::size_t>(
+          8, static_cast<std::size_t>((0.4 * share + 0.6 / static_cast<double>(pieces.size())) *
+                                      static_cast<double>(p_.grid)));
       const bool begins = k == 0, ends = k + 1 == pieces.size();
       for (std::size_t i = 0; i < n + (ends ? 1 : 0); ++i) {
         const double x = static_cast<double>(i) / static_cast<double>(n);
@@ -82,23 +84,30 @@ class Planner {
         } else if (ends) {
           y = 1.0 - (1.0 - x) * (0.1 + 0.9 * (1.0 - x));
         }
-        grid_.s.push_back(piece.at + y * piece.length());
-        const auto at = route_.place(piece, piece.begin + y * piece.length());
-        if (!at)
-          refuse(piece.move, "to",
-                 "leads out of reach at " + place_text(piece.point(piece.begin + y * piece.length()).p));
-        place_.push_back(*at);
+        const double at = piece.at + y * piece.length();
+        if (!grid_.s.empty()) add_place(0.5 * (grid_.s.back() + at));
+        grid_.s.push_back(at);
+        add_place(at);
       }
     }
-    low_.assign(grid_.s.size(), Loads{});
+    low_.assign(place_.size(), Loads{});
     high_ = low_;
   }
 
+  void add_place(double s) {
+    const auto at = route_.place(*stretch_, s);
+    const Piece& piece = piece_at(s);
+    if (!at)
+      refuse(piece.move, "to",
+             "leads out of reach at " + place_text(piece.point(piece.begin + s - piece.at).p));
+    place_.push_back(*at);
+    piece_.push_back(&piece);
+  }
   [[nodiscard]] const Piece& piece_at(double s) const { return Route<M>::piece_at(*stretch_, s); }
 
   /// Guards of the controller along the stretch.
   void check_way() {
-    for (std::size_t i = 0; i < place_.size(); ++i) guard_.check(place_[i], piece_at(grid_.s[i]).move);
+    for (std::size_t i = 0; i < place_.size(); ++i) guard_.check(place_[i], piece_[i]->move);
     for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) {
       if (guard_.changes_mode(i))
         refuse(i, "working_mode", "is not that at the end of the move, which is mechanism.working_mode");
@@ -106,25 +115,37 @@ class Planner {
   }
 
   /// Rows of all points; `motors_only`: of the motors without reserve.
-  void set_rows(const std::vector<Shares>& most, bool motors_only = false) {
+  void set_rows(bool motors_only = false) {
     grid_.rows.clear();
     grid_.first.clear();
     for (std::size_t i = 0; i < place_.size(); ++i) {
       grid_.first.push_back(grid_.rows.size());
       const Loads none{};
-      motors_.add_rows(place_[i], motors_only ? none : low_[i], motors_only ? none : high_[i],
-                       motors_only ? 1.0 : most[i][static_cast<std::size_t>(LimitKind::torque)], grid_.rows);
-      if (!motors_only) add_motion_rows(p_, piece_at(grid_.s[i]), place_[i], most[i], grid_.rows);
+      motors_.add_rows(place_[i], motors_only ? none : low_[i], motors_only ? none : high_[i], grid_.rows);
+      if (!motors_only) add_motion_rows(p_, *piece_[i], place_[i], grid_.rows);
     }
     grid_.first.push_back(grid_.rows.size());
   }
 
-  Squares solve() {
+  /// The fastest timing with a share of each limit, point by point.
+  Squares solve(const std::vector<Shares>& most, const Squares& start) {
+    const std::vector<Row> whole = grid_.rows;
+    for (std::size_t i = 0; i < most.size(); ++i) {
+      for (std::size_t k = grid_.first[i]; k < grid_.first[i + 1]; ++k) {
+        Row& row = grid_.rows[k];
+        row.c = lowered(row, most[i][static_cast<std::size_t>(row.kind)]);
+      }
+    }
+    Squares x = solve(start);
+    grid_.rows = whole;
+    return x;
+  }
+  Squares solve(const Squares& start) {
     std::size_t blocked = 0;
-    auto x = fastest(grid_, blocked);
+    auto x = fastest(grid_, start, blocked);
     if (x) return *x;
-    const std::size_t at = std::min(blocked, place_.size() - 1);
-    refuse(piece_at(grid_.s[at]).move, "to",
+    const std::size_t at = std::min(2 * blocked, place_.size() - 1);
+    refuse(piece_[at]->move, "to",
            fmt::format("no speed passes {}: the motors' torque within its limits, less what [uncertainty] "
                        "needs, does not "
                        "keep the mechanism on the way there",
@@ -132,72 +153,88 @@ class Planner {
   }
 
   /// Reserve for the worst plant at every point, of the motion with x.
-  void set_reserve(const Squares& x) {
-    for (std::size_t i = 0; i < x.size(); ++i) {
+  void set_reserve(const std::vector<double>& x) {
+    for (std::size_t i = 0; i < place_.size(); ++i) {
       low_[i] = high_[i] = Loads{};
-      for (const std::size_t k : {i, i + 1}) {  // acceleration before and after the point
-        if (k == 0 || k == x.size()) continue;
-        const double u = (x[k] - x[k - 1]) / (2.0 * (grid_.s[k] - grid_.s[k - 1]));
-        const Motion2<double> m = motion_at(place_[i], {grid_.s[i], std::sqrt(x[i]), u});
-        const auto d = desired(m);
+      const double root = std::sqrt(0.5 * (x[i / 2] + x[(i + 1) / 2]));
+      for (const std::size_t k : {(i - 1) / 2, i / 2}) {  // intervals before and after the place
+        if (i == 0 || k + 1 == x.size()) continue;
+        const double u = (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k]));
+        const Motion2<double> m = motion_at(place_[i].tip, {0.0, root, u});
+        const auto d = measured_.desired(m);
         if (!d) continue;
         const auto [low, high] = motors_.reserve(*d, m);
         for (std::size_t j = 0; j < low.size(); ++j) {
           low_[i][j] = std::min(low_[i][j], low[j]);
           high_[i][j] = std::max(high_[i][j], high[j]);
         }
+        if (i % 2 == 1) break;
       }
     }
   }
 
   Timing optimal() {
     Shares all;
-    for (std::size_t k = 0; k < kinds; ++k) all[k] = allowed(static_cast<LimitKind>(k));
+    for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
     std::vector<Shares> most(place_.size(), all);  // share of each limit that may be used, point by point
     Timing timing;
+    Squares x;
+    double share = 0.0;
     constexpr int passes = 12;
+    constexpr double near = 1.005;  // of a limit: what is beyond is mended where it is, less by slowing all
+    set_rows();
     for (int pass = 0; pass < passes; ++pass) {
-      set_rows(most);
-      Squares x = solve();
+      x = solve(most, x);
       for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) {
-        set_reserve(x);
-        set_rows(most);
-        x = solve();
+        set_reserve(x.x);
+        set_rows();
+        x = solve(most, x);
       }
       timing = Timing(grid_.s, x);
       if (p_.uncertain) timing.smooth(loop_ticks * p_.tick);
       limit_jerk(timing);
-      excess_.clear();
-      (void)measured(timing, table(timing));
-      if (excess_.empty()) return timing;
+      share = excess(timing);
+      if (share <= near) break;
       lower(most);
     }
-    for (int pass = 0; pass < 100; ++pass) {  // slower: every share falls, down to that at rest
-      excess_.clear();
-      (void)measured(timing, table(timing));
-      double share = 1.0;
-      for (const Excess& e : excess_) share = std::max(share, e.share / allowed(e.kind));
-      if (share <= 1.0) break;
-      timing.stretch(std::sqrt(std::clamp(share, 1.0002, 1.05)));
-    }
+    slow_down(timing, share);
     return timing;
   }
-  /// Share of a limit that an optimal timing may use.
-  [[nodiscard]] double allowed(LimitKind kind) const {
-    return kind == LimitKind::torque && p_.uncertain ? 1.0 - loop_reserve : 1.0;
+  /// Stretches a timing until no share is above what is allowed; `share`: its excess().
+  void slow_down(Timing& timing, double share) {
+    double last_share = 0.0, last_square = 0.0;  // and 1 / duration^2, of the timing before
+    for (int pass = 0; pass < 100 && share > 1.0; ++pass) {
+      const double square = 1.0 / (timing.duration() * timing.duration()),
+                   slope = (last_share - share) / (last_square - square);
+      double factor = share;  // of 1 / duration^2, in which a share is linear: what holds the pose stays
+      if (pass > 0 && slope > 0.0) factor = 1.0 / std::max(0.1, 1.0 - (share - 1.0) / (slope * square));
+      last_share = share;
+      last_square = square;
+      timing.stretch(std::sqrt(std::clamp(factor, 1.0, 1.05) + spare()));
+      share = excess(timing);
+    }
   }
-  /// Takes from the points around every excess the share that was too much there.
+  /// Measures a timing: its largest share of what is allowed, 1 if that is not exceeded.
+  double excess(const Timing& timing) {
+    (void)measured_.take(timing);
+    double share = 1.0;
+    for (const Excess& e : measured_.excess()) share = std::max(share, e.share / measured_.allowed(e.kind));
+    return share;
+  }
+  /// What is taken beyond an excess: places between those that were measured may take a little more.
+  [[nodiscard]] double spare() const { return 10.0 / static_cast<double>(place_.size() * place_.size()); }
+  /// Takes from the places around every excess the share that was too much there.
   void lower(std::vector<Shares>& most) const {
     constexpr double least = 0.5;  // beyond that slower motion helps, not less torque
     const std::vector<Shares> before = most;
     const auto index = [&](double s) {
       return static_cast<std::size_t>(std::upper_bound(grid_.s.begin(), grid_.s.end(), s) - grid_.s.begin());
     };
-    for (const Excess& e : excess_) {
+    for (const Excess& e : measured_.excess()) {
       const auto k = static_cast<std::size_t>(e.kind);
-      const std::size_t first = index(e.from), last = std::min(index(e.to) + 1, most.size() - 1);
-      for (std::size_t i = first > 1 ? first - 2 : 0; i <= last; ++i) {
-        const double less = before[i][k] * allowed(e.kind) / (e.share * (1.0 + 1e-6));
+      const std::size_t first = 2 * index(e.from), last = std::min(2 * index(e.to), most.size() - 1);
+      for (std::size_t i = first > 2 ? first - 3 : 0; i <= last; ++i) {
+        const double less = before[i][k] * measured_.allowed(e.kind) / (e.share * (1.0 + spare()));
         most[i][k] = std::min(most[i][k], std::max(least, less));
       }
     }
@@ -205,8 +242,8 @@ class Planner {
 
   Timing in_time() {
     Timing timing = Timing::quintic(stretch_->length, *stretch_->time);
-    double where = 0.0;
-    const Uses use = measured(timing, table(timing), &where);
+    const double where = measured_.take(timing);
+    const Uses use = measured_.use();
     for (std::size_t k = 0; k < kinds; ++k) {
       for (std::size_t i = 0; i < use[k].size(); ++i) {
         if (use[k][i].share <= 1.0) continue;
@@ -252,7 +289,7 @@ class Planner {
       const Timing::State s = timing.at(i * step);
       const auto at = route_.place(*stretch_, s.s);
       if (!at) continue;
-      const Motion2<double> m = motion_at(*at, s);
+      const Motion2<double> m = motion_at(at->tip, s);
       const std::pair<Vec2<double>, Vec2<double>> now{
           m.acceleration, at->base2 * (s.rate * s.rate) + at->base1 * s.acceleration};
       const Piece& piece = piece_at(s.s);
@@ -268,77 +305,9 @@ class Planner {
     return most;
   }
 
-  [[nodiscard]] std::vector<TimedPiece> table(const Timing& timing) const {
-    return fit_quintics(timing.breaks(), [&](double t, bool before) {
-      const Timing::State s = timing.at(t, before);
-      return motion_at(*route_.place(*stretch_, s.s), s);
-    });
-  }
-  std::optional<Desired<M>> desired(const Motion2<double>& m) const {
-    return desired_at_effector(p_.controller.mechanism, p_.controller.mode, m.position, m.velocity,
-                               m.acceleration);
-  }
-
-  /// Shares of all limits, tick by tick and at the ends of the quintics. `where`: time of the largest, s.
-  Uses measured(const Timing& timing, const std::vector<TimedPiece>& table, double* where = nullptr) {
-    Uses out{};
-    double most = 0.0;
-    const double duration = timing.duration(), step = std::max(p_.tick, duration / 20000.0);
-    const auto n = static_cast<std::uint64_t>(duration / step);
-    std::size_t k = 0;
-    const auto look = [&](double t, const Motion2<double>& m, double weight) {
-      const auto d = desired(m);
-      const double s = timing.at(t).s;
-      const auto span = timing.span(t);
-      const Piece& piece = piece_at(s);
-      if (!d) refuse(piece.move, "to", "leads out of reach at " + place_text(m.position));
-      const double before = most;
-      add_use(s, span, *d, m, weight, out, most);
-      if (most > before && where != nullptr) *where = t;
-    };
-    for (std::uint64_t i = 0; i <= n; ++i) {
-      const double t = static_cast<double>(i) * step;
-      while (k + 1 < table.size() && table[k + 1].begin <= t) ++k;
-      look(t, table[k].curve.at(t - table[k].begin), step);
-    }
-    for (const TimedPiece& piece : table) {
-      look(piece.begin, piece.curve.at(0.0), 0.0);
-      look(piece.begin + piece.curve.duration, piece.curve.at(piece.curve.duration), 0.0);
-    }
-    return out;
-  }
-  void add_use(double s, const std::pair<double, double>& span, const Desired<M>& d, const Motion2<double>& m,
-               double weight, Uses& out, double& most) {
-    const Piece& piece = piece_at(s);
-    const auto add = [&](LimitKind kind, std::size_t i, double share) {
-      Use& use = out[static_cast<std::size_t>(kind)][i];
-      use.share = std::max(use.share, share);
-      most = std::max(most, share);
-      if (share > allowed(kind)) excess_.push_back({span.first, span.second, kind, share});
-      if (share > at_limit * allowed(kind)) use.active += weight;
-    };
-    const Loads loads = motors_.shares(d, m);
-    for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i)
-      add(LimitKind::torque, i, loads[i]);
-    const Vec2<double> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
-    for (std::size_t i = 0; i < 2; ++i)
-      add(LimitKind::joint_speed, i,
-          std::abs(rate[static_cast<int>(i)]) / (speed_reserve * p_.controller.limits.joint_speed));
-    for (std::size_t k = piece.move; k <= piece.next; ++k) {
-      const MoveScene& move = p_.moves[k];
-      const bool joint = move.kind == MoveKind::joint;
-      if (move.speed)
-        add(LimitKind::speed, 0, (joint ? rate.cwiseAbs().maxCoeff() : m.velocity.norm()) / *move.speed);
-      if (move.acceleration)
-        add(LimitKind::acceleration, 0,
-            (joint ? acceleration.cwiseAbs().maxCoeff() : m.acceleration.norm()) / *move.acceleration);
-    }
-  }
-
-  /// Adds a timed stretch to the plan.
+  /// Adds a stretch to the plan, with the timing that was measured last.
   void append(const Timing& timing) {
-    const std::vector<TimedPiece> pieces = table(timing);
-    const Uses use = measured(timing, pieces);
+    const Uses& use = measured_.use();
     for (std::size_t k = 0; k < kinds; ++k) {
       for (std::size_t i = 0; i < use[k].size(); ++i) {
         out_.use[k][i].share = std::max(out_.use[k][i].share, use[k][i].share);
@@ -351,7 +320,7 @@ class Planner {
         jerk.share = std::max(jerk.share, jerk_share(timing));
       }
     }
-    for (const TimedPiece& piece : pieces) {
+    for (const TimedPiece& piece : measured_.table()) {
       const double begin = now_ + piece.begin, ticks = std::ceil(begin / p_.tick - 1e-9);
       const PathSegment<double> segment{static_cast<std::uint32_t>(std::min(ticks, most_ticks)),
                                         std::max(0.0, ticks * p_.tick - begin), piece.curve};
@@ -361,11 +330,20 @@ class Planner {
     for (const Piece& piece : stretch_->pieces)  // a blend is halved between its moves
       out_.end[piece.move] = now_ + timing.time_of(piece.at + (piece.blend() ? 0.5 : 1.0) * piece.length());
     out_.end[stretch_->last] = now_ + timing.duration();
+    if (p_.bound) add_bound(timing);
     now_ += timing.duration();
     moving_ += timing.duration();
-    if (!p_.bound) return;
-    set_rows({}, true);
-    const Squares x = solve();
+  }
+  void add_bound(const Timing& timing) {
+    set_rows();
+    const std::vector<double> limits = speed_limits(grid_);
+    for (std::size_t i = 0; i < limits.size(); i += 2) {
+      if (limits[i] >= 0.0)
+        out_.limit_curve.emplace_back(now_ + timing.time_of(grid_.s[i / 2]),
+                                      place_[i].tip.d1.norm() * std::sqrt(limits[i]));
+    }
+    set_rows(true);
+    const Squares x = solve({});
     out_.bound += Timing(grid_.s, x).duration();
   }
 
@@ -373,16 +351,12 @@ class Planner {
   Route<M> route_;
   MotorLimits<M> motors_;
   WayGuard<M> guard_;
+  Measurement<M> measured_;
   const Stretch* stretch_ = nullptr;
   Grid grid_;
-  std::vector<Place<M>> place_;
-  std::vector<Loads> low_, high_;  // reserve
-  struct Excess {
-    double from, to;  // part of the path
-    LimitKind kind;
-    double share;
-  };
-  std::vector<Excess> excess_;  // of the last measurement
+  std::vector<Place<M>> place_;      // points of the grid and the middles between them
+  std::vector<const Piece*> piece_;  // of each place
+  std::vector<Loads> low_, high_;    // reserve
   Plan out_;
   double now_ = 0.0, moving_ = 0.0;  // s
 };

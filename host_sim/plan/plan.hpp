@@ -1,7 +1,6 @@
 #pragma once
 /// From the moves of a program to a table of quintics that the firmware follows, timed within all limits.
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -10,15 +9,6 @@
 
 namespace esmc::host::plan {
 
-/// Largest share of a limit along the program, and the share of the time of motion at the limit.
-struct Use {
-  double share = 0.0, active = 0.0;
-};
-
-/// Per kind, and per motor or joint.
-inline constexpr auto kinds = static_cast<std::size_t>(LimitKind::count);
-using Uses = std::array<std::array<Use, 4>, kinds>;
-
 struct Plan {
   std::vector<PathSegment<double>> path;  ///< effector, m; at rest between and after them
   std::uint32_t ticks = 0;                ///< length of a round, rounded up
@@ -26,8 +16,11 @@ struct Plan {
   double bound = 0.0;      ///< s: along the same path with no limit but the motors' torque, and the dwells
   double deviation = 0.0;  ///< m: largest of all corners
   std::vector<Vec2<double>> from, from_base;  ///< where each move begins, m and rad; and the end of the last
-  std::vector<double> end;                    ///< s, when each move has ended; a blend is halved
-  Uses use{};                                 ///< per kind, and per motor or joint; effector: the first
+  /// Time, s, and the largest speed of the effector, m/s, that the limits allow there at some acceleration:
+  /// asked for with `bound`.
+  std::vector<std::pair<double, double>> limit_curve;
+  std::vector<double> end;  ///< s, when each move has ended; a blend is halved
+  Uses use{};               ///< per kind, and per motor or joint; effector: the first
 };
 
 /// Plans a program. Throws Refused.

@@ -43,8 +43,8 @@ struct Problem {
   Vec2<double> start = Vec2<double>::Zero();       ///< of the effector, m
   Vec2<double> start_base = Vec2<double>::Zero();  ///< of the base joints there, rad, not wrapped
   double tick = 1e-3;                              ///< s
-  std::size_t grid = 800;                          ///< points of a stretch between two rests, about
-  bool bound = false;                              ///< Plan::bound is asked for
+  std::size_t grid = 100;                          ///< points of a stretch between two rests, about
+  bool bound = false;                              ///< Plan::bound and limit_curve are asked for
   std::optional<design::Problem<M>> uncertain;     ///< torque is left for the worst plant of it
 };
 

@@ -96,6 +96,12 @@ class Route {
     const Piece& piece = piece_at(stretch, s);
     return place(piece, piece.begin + std::clamp(s - piece.at, 0.0, piece.length()));
   }
+  /// The effector at parameter s of a stretch on which there is a pose everywhere; d3 is not set.
+  [[nodiscard]] CurvePoint tip(const Stretch& stretch, double s) const {
+    const Piece& piece = piece_at(stretch, s);
+    const double t = piece.begin + std::clamp(s - piece.at, 0.0, piece.length());
+    return piece.kind == Piece::Kind::joint ? place(piece, t)->tip : piece.point(t);
+  }
   [[nodiscard]] static const Piece& piece_at(const Stretch& stretch, double s) {
     const auto next = std::upper_bound(stretch.pieces.begin() + 1, stretch.pieces.end(), s,
                                        [](double v, const Piece& piece) { return v < piece.at; });
@@ -171,17 +177,28 @@ class Route {
     return spline(points);
   }
 
+  /// Refuses the way from t, where there is a pose, to `end`, where there is none, by the place between.
+  [[noreturn]] void refuse_end(const Piece& piece, double t, double end, const std::string& key) const {
+    for (int pass = 0; pass < 20; ++pass) {
+      const double middle = 0.5 * (t + end);
+      (place(piece, middle) ? t : end) = middle;
+    }
+    const std::string at = text(piece.point(end).p);
+    throw Refused(piece.move, key,
+                  piece.kind == Piece::Kind::joint
+                      ? fmt::format("the legs cannot be closed on the way, at base joints {} rad", at)
+                      : fmt::format("out of reach on the way, at {} m", at));
+  }
   /// Moves the present position to the end of a piece.
   void follow(const Piece& piece, const std::string& key) {
-    constexpr int parts = 64;
+    const int parts = piece.straight() ? 16 : 32;
+    double last = piece.begin;
     for (int k = 0; k <= parts; ++k) {
       const double t = piece.begin + piece.length() * k / parts;
       const auto at = place(piece, t);
       const Vec2<double> p = piece.point(t).p;
-      if (!at && piece.kind == Piece::Kind::joint)
-        throw Refused(piece.move, key,
-                      fmt::format("the legs cannot be closed on the way, at base joints {} rad", text(p)));
-      if (!at) throw Refused(piece.move, key, fmt::format("out of reach on the way, at {} m", text(p)));
+      if (!at) refuse_end(piece, last, t, key);
+      last = t;
       if (piece.kind == Piece::Kind::joint) {
         base_ = p;
       } else {
@@ -193,13 +210,19 @@ class Route {
 
   /// The effector's curve at t; its third derivative from the second where it has no closed form.
   [[nodiscard]] CurvePoint curve(const Piece& piece, double t) const {
+    if (piece.kind != Piece::Kind::joint) return piece.point(t);
     auto at = place(piece, t);
     if (!at) throw Refused(piece.move, "blend", "begins where the mechanism has no pose");
-    if (piece.kind != Piece::Kind::joint) return piece.point(t);
     const double step = 1e-4;  // rad
     const auto after = place(piece, t + step), before = place(piece, t - step);
     if (after && before) at->tip.d3 = (after->tip.d2 - before->tip.d2) / (2.0 * step);
     return at->tip;
+  }
+
+  /// Points of a piece from t to `end`, ends included.
+  void add_points(const Piece& piece, double t, double end, std::vector<Vec2<double>>& out) const {
+    const int parts = piece.straight() ? 1 : 16;
+    for (int k = 0; k <= parts; ++k) out.push_back(curve(piece, t + (end - t) * k / parts).p);
   }
 
   /// Puts a blend between the last piece of `before` and the first of `after`, as long as its deviation
@@ -215,24 +238,24 @@ class Route {
     const bool both = after.size() == 1 && p_.moves[b.move].blend > 0.0;
     const double most = std::min(0.98 * a.length() * fast_in, (both ? 0.5 : 0.98) * b.length() * fast_out);
     Piece best;
-    double best_deviation = 0.0, best_cut = 0.0, low = 0.0, high = most;
-    for (int pass = 0; pass < 32; ++pass) {
-      const double cut = pass == 0 ? most : 0.5 * (low + high);
+    double best_deviation = 0.0, best_cut = 0.0, low = 0.0, high = most, cut = most;
+    for (int pass = 0; pass < 32 && best_deviation < 0.98 * allowed; ++pass) {
       const double ta = a.end - cut / fast_in, tb = b.begin + cut / fast_out;
       const Piece tried = blend_between(curve(a, ta), curve(b, tb));
       std::vector<Vec2<double>> stubs;
-      constexpr int parts = 16;
-      for (int k = 0; k <= parts; ++k) stubs.push_back(curve(a, ta + (a.end - ta) * k / parts).p);
-      for (int k = 0; k <= parts; ++k) stubs.push_back(curve(b, b.begin + (tb - b.begin) * k / parts).p);
+      add_points(a, ta, a.end, stubs);
+      add_points(b, b.begin, tb, stubs);
       const double off = plan::deviation(tried, in.p, stubs);
       if (off <= allowed) {
         best = tried;
         best_deviation = off;
         best_cut = low = cut;
-        if (pass == 0) break;
+        if (cut == most) break;
       } else {
         high = cut;
       }
+      cut *= 0.999 * allowed / off;  // between two lines in proportion to it
+      if (!(cut > low && cut < high)) cut = 0.5 * (low + high);
     }
     if (!(best_cut > 0.0))
       refuse(a.move, "blend", fmt::format("of {:g} m is too small to round the corner", allowed));

@@ -16,25 +16,32 @@ struct TimedPiece {
   Quintic<double> curve;
 };
 
-/// As few quintics as meet `motion(time, before)` at the breaks of a timing within 2e-3 of its largest
+/// Motion at a time: acceleration before it and after it.
+struct Knot {
+  Motion2<double> before, after;
+};
+
+/// As few quintics as meet `motion(time)`, a Knot, at the breaks of a timing within 2e-3 of its largest
 /// acceleration and a micrometre. Their ends are its breaks, where they meet it with speed and acceleration.
 template <class F>
 [[nodiscard]] std::vector<TimedPiece> fit_quintics(const std::vector<double>& breaks, const F& motion) {
   struct Node {
     double t;
-    Motion2<double> before, after, middle;  // middle: halfway to the next
+    Knot at{};
+    Motion2<double> middle;  // halfway to the next
   };
   constexpr double share = 2e-3, near = 1e-6;  // of acceleration; m
   std::vector<Node> nodes;
   double most = 0.0;
   for (std::size_t i = 0; i < breaks.size(); ++i) {
     const double t = breaks[i], next = i + 1 < breaks.size() ? breaks[i + 1] : t;
-    nodes.push_back({t, motion(t, true), motion(t, false), motion(0.5 * (t + next), false)});
-    most = std::max(most, nodes.back().after.acceleration.norm());
+    nodes.push_back({t, motion(t), motion(0.5 * (t + next)).after});
+    most = std::max(most, nodes.back().at.after.acceleration.norm());
   }
+  const double acceleration_scale = 1.0 / std::pow(share * most, 2), position_scale = 1.0 / (near * near);
   const auto error = [&](const Motion2<double>& a, const Motion2<double>& b) {
-    return std::max((a.acceleration - b.acceleration).norm() / (share * most),
-                    (a.position - b.position).norm() / near);
+    return std::max((a.acceleration - b.acceleration).squaredNorm() * acceleration_scale,
+                    (a.position - b.position).squaredNorm() * position_scale);
   };
   std::vector<TimedPiece> out;
   std::vector<std::pair<std::size_t, std::size_t>> open{{0, nodes.size() - 1}};
@@ -42,14 +49,14 @@ template <class F>
     const auto [i, j] = open.back();
     open.pop_back();
     const double begin = nodes[i].t;
-    const auto q = Quintic<double>::between(nodes[i].after, nodes[j].before, nodes[j].t - begin);
+    const auto q = Quintic<double>::between(nodes[i].at.after, nodes[j].at.before, nodes[j].t - begin);
     double worst = 1.0;
     std::size_t split = i;
     for (std::size_t k = i; k < j; ++k) {
       const double middle = error(q.at(0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
       const Motion2<double> at = q.at(nodes[k].t - begin);
       const double here =
-          k > i ? std::max({middle, error(at, nodes[k].before), error(at, nodes[k].after)}) : middle;
+          k > i ? std::max({middle, error(at, nodes[k].at.before), error(at, nodes[k].at.after)}) : middle;
       if (here > worst) {
         worst = here;
         split = std::clamp(k, i + 1, std::max(i + 1, j - 1));

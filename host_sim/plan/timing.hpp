@@ -5,9 +5,10 @@
 /// a u + b x + d sqrt(x) <= c. On a grid u is constant between points. Backwards from the end the speeds are
 /// found from which the end can still be reached (a linear program of two variables per point), forwards the
 /// largest u that stays among them: no switch point is searched for, and zero inertia (a = 0) is a row like
-/// any other. Both ends of an interval meet their rows, with the slope of u that the solution before had: the
-/// error falls with the square of the grid.
+/// any other. Both ends and the middle of an interval meet their rows, with the slope of u that the solution
+/// before had: the error falls with the square of the grid.
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -26,24 +27,41 @@ enum class LimitKind : std::uint8_t {
   count
 };
 
+/// Largest share of a limit along the program, and the share of the time of motion at the limit.
+struct Use {
+  double share = 0.0, active = 0.0;
+};
+
+/// Per kind, and per motor or joint.
+inline constexpr auto kinds = static_cast<std::size_t>(LimitKind::count);
+using Uses = std::array<std::array<Use, 4>, kinds>;
+
 /// a u + b x + d sqrt(x) <= c.
 struct Row {
   double a = 0.0, b = 0.0, d = 0.0, c = 1.0;
+  LimitKind kind = LimitKind::torque;
 };
 
-/// Limits at the points of a path.
+/// Limits along a path: at its points, and in the middle between every two.
 struct Grid {
-  std::vector<double> s;           ///< ascending
-  std::vector<Row> rows;           ///< point by point
-  std::vector<std::size_t> first;  ///< row of each point, and one more: their number
+  std::vector<double> s;           ///< points, ascending
+  std::vector<Row> rows;           ///< place by place: point 0, middle after it, point 1, and so on
+  std::vector<std::size_t> first;  ///< row of each place, and one more: their number
 };
 
-/// x at every point; 0 at both ends.
-using Squares = std::vector<double>;
+/// x at every point, 0 at both ends; and the slope of u by s between every two points.
+struct Squares {
+  std::vector<double> x, slope;
+  [[nodiscard]] bool empty() const { return x.empty(); }
+};
 
-/// The largest x, point by point, as start for `x`: empty where there is none. Sets `blocked` to the index of
-/// a point that no speed passes, where it fails.
-[[nodiscard]] std::optional<Squares> fastest(const Grid& grid, std::size_t& blocked);
+/// The largest x, point by point: nothing where there is none. `start`: of rows that differ little, or empty.
+/// Sets `blocked` to the index of a point that no speed passes, where it fails.
+[[nodiscard]] std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked);
+
+/// The largest x, place by place, for which the rows there leave some u: the limit curve of the speed.
+/// Viscous rows by tangents, so that it is a little low where they rule.
+[[nodiscard]] std::vector<double> speed_limits(const Grid& grid);
 
 /// Position on the path as a function of time, from rest to rest.
 class Timing {
@@ -52,8 +70,8 @@ class Timing {
     double s = 0.0, rate = 0.0, acceleration = 0.0;
   };
   Timing() = default;
-  /// Of x on a grid: constant acceleration between its points.
-  Timing(const std::vector<double>& s, const Squares& x);
+  /// Of x on a grid: acceleration is linear in time between its points.
+  Timing(const std::vector<double>& s, const Squares& of);
   /// Quintic over `duration`, s > 0.
   [[nodiscard]] static Timing quintic(double length, double duration);
 
@@ -81,8 +99,8 @@ class Timing {
   [[nodiscard]] double integral(double time) const;
   [[nodiscard]] std::size_t cell(double time, bool before) const;
 
-  std::vector<double> t_, s_, v_, u_, half_,
-      sum_;  // of points; u_ and half its change of cells; sum_: integral of s
+  // Of points; a_, j_: acceleration at the begin of a cell and its slope by time; sum_: integral of s.
+  std::vector<double> t_, s_, v_, a_, j_, sum_;
   double window_ = 0.0, stretch_ = 1.0;
   bool quintic_ = false;
 };

@@ -157,7 +157,8 @@ class PlanReport {
     const auto column = [&](const std::string& name) {
       return static_cast<std::size_t>(std::ranges::find(log.columns(), name) - log.columns().begin());
     };
-    Series path{"effector", {}}, speed{"effector, m/s", {}};
+    Series path{"effector", {}}, speed{"effector", {}}, limit{"its limit curve", {}};
+    constexpr double shown = 4.0;  // times the largest speed: beyond that the limit is of no interest
     std::vector<Series> torques;
     for (const std::string& name : log.columns()) {
       if (name.starts_with("tau")) torques.push_back({name, {}});
@@ -168,12 +169,24 @@ class PlanReport {
       speed.points.emplace_back(v[0], std::hypot(v[column("xd")], v[column("yd")]));
       for (Series& s : torques) s.points.emplace_back(v[0], v[column(s.name)]);
     }
+    double fastest = 0.0;
+    for (const auto& [t, v] : speed.points) fastest = std::max(fastest, v);
+    for (const auto& [t, v] : plan_.limit_curve)
+      limit.points.emplace_back(t, v < shown * fastest ? v : std::nan(""));
+    double last = 0.0;
+    for (const std::size_t joint : scene_.motor_joints()) {
+      const double most = problem_.controller.torque_limit[static_cast<int>(joint)], T = plan_.duration;
+      if (scene_.closed_loop() && most != last)
+        torques.push_back({fmt::format("limit {:g}", most),
+                           {{0.0, most}, {T, most}, {T, -most}, {0.0, -most}, {0.0, most}}});
+      last = most;
+    }
     const auto chart = [](const char* title, const char* x, const char* y, const std::vector<Series>& of) {
       return chart_svg(title, x, y, of, Scale::linear, Scale::linear);
     };
     return study_page(
         "Plan of " + scene_.name, o.command_line,
-        figures_html({chart("Path", "x, m", "y, m", {path}), chart("Speed", "t, s", "m/s", {speed}),
+        figures_html({chart("Path", "x, m", "y, m", {path}), chart("Speed", "t, s", "m/s", {speed, limit}),
                       chart("Torque", "t, s", "N m", torques)}) +
             document_html(j),
         {StudyVerdict::Level::ok, words.substr(0, words.find('\n')), "", {}});

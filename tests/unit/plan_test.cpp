@@ -5,6 +5,7 @@
 
 #include "host_sim/plan/piece.hpp"
 #include "tests/support/program_problem.hpp"
+#include "tests/support/sampled_loop.hpp"
 
 namespace esmc::test {
 namespace {
@@ -151,6 +152,21 @@ TEST(Plan, LineUnderConstantAccelerationTakesTheClosedFormsTime) {
   EXPECT_NEAR(host::plan::plan(p).duration, 0.2 / 0.5 + 0.5 / 3.0, 2e-5);
 }
 
+/// On a circle some acceleration along the path is left up to v^2 / r = a.
+TEST(Plan, LimitCurveOfAnArcIsItsCentripetalLimit) {
+  auto p = at_rest<FiveBar<double>>(-0.04, 0.17, 100.0);
+  p.moves = {move(MoveKind::arc, 0.04, 0.17)};
+  p.moves[0].via = {0.0, 0.21};
+  p.moves[0].acceleration = 5.0;
+  p.bound = true;
+  const Plan plan = host::plan::plan(p);
+  ASSERT_GT(plan.limit_curve.size(), 50U);
+  for (const auto& [t, v] : plan.limit_curve) EXPECT_NEAR(v, std::sqrt(5.0 * 0.04), 0.005 * v) << t;
+  const Reference<double> r = reference_of(plan);
+  for (std::uint32_t n = 0; n <= plan.ticks; ++n)
+    EXPECT_LE(r.at(n, 1e-3).velocity.norm(), 1.005 * std::sqrt(5.0 * 0.04));
+}
+
 TEST(Plan, JointMoveUnderLimitsOfItsJointsTakesTheClosedFormsTime) {
   auto p = at_rest<Rr<double>>(0.40, -0.10, 100.0);
   const auto start = p.controller.mechanism.inverse(Vec2<double>(0.40, -0.10), p.controller.mode);
@@ -205,6 +221,58 @@ TEST(Plan, RoundedCornersKeepTheirDeviationAndNothingJumps) {
   expect_smooth(hook<FiveBar<double>>(), 0.008);
   expect_smooth(hook<FiveBar<double>>(true), 0.008);
   expect_smooth(hook<Rr<double>>(), 0.008);
+}
+
+/// The same way, every time `factor` times as long.
+Plan stretched(Plan plan, double factor, double tick) {
+  for (auto& segment : plan.path) {
+    const double begin = factor * (segment.start_tick * tick - segment.offset),
+                 ticks = std::ceil(begin / tick - 1e-9);
+    segment.start_tick = static_cast<std::uint32_t>(ticks);
+    segment.offset = std::max(0.0, ticks * tick - begin);
+    segment.curve.duration *= factor;
+  }
+  plan.ticks = static_cast<std::uint32_t>(std::ceil(factor * plan.duration / tick));
+  return plan;
+}
+struct Tracked {
+  double worst = 0.0;  // m
+  int saturated = 0;   // ticks
+};
+Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan) {
+  const auto& c = p.controller;
+  const host::FiveBarPlant plant(five_bar_example());
+  const auto q = host::reach(five_bar_example(), {p.start.x(), p.start.y()}, {1, 1});
+  host::FiveBarPlant::State s = host::FiveBarPlant::from_joints(*q, {0.0, 0.0, 0.0, 0.0});
+  const Gains<FiveBar<double>> gains = usual_gains(p.tick);
+  const Reference<double> r = reference_of(plan);
+  Tracked out;
+  for (std::uint32_t n = 0; n < plan.ticks + 50; ++n) {
+    const auto t = track(c.mechanism, c.mode, plant.output(s), r.at(n, p.tick));
+    out.worst = std::max(out.worst, Vec2<double>(t.desired_pose.effector - t.pose.effector).norm());
+    const auto asked = demand(LawKind::esmc, c.mechanism, gains, Reaching::implicit, t).acceleration;
+    Vec2<double> tau = c.mechanism.base_torque(t.pose, c.mechanism.force(asked, t.rates));
+    const double most = c.torque_limit[0];
+    if (tau.cwiseAbs().maxCoeff() > most) ++out.saturated;
+    tau = tau.cwiseMax(-most).cwiseMin(most);
+    advance(plant, s, tau, p.tick);
+  }
+  return out;
+}
+
+/// All of the torque leaves the loop nothing at a jump of acceleration; 7 %, as the plan keeps for
+/// [uncertainty], do.
+TEST(Plan, ReserveOfTheLoopTracksOptimalTimesLikeLongerOnes) {
+  const auto p = hook<FiveBar<double>>();
+  const Tracked all = tracked(p, host::plan::plan(p));
+  EXPECT_GT(all.saturated, 0);
+  EXPECT_LE(all.worst, 2e-3);
+  auto less = p;
+  less.controller.torque_limit *= 0.93;
+  const Plan plan = host::plan::plan(less);
+  const Tracked fast = tracked(p, plan), slow = tracked(p, stretched(plan, 1.05, p.tick));
+  EXPECT_LE(fast.worst, 2.0 * slow.worst);
+  EXPECT_LT(fast.saturated, all.saturated);
 }
 
 TEST(Plan, FourMotorsAreFasterThanTwo) {
