@@ -170,8 +170,16 @@ struct Reference {
                                        : S(next - path[i].start_tick) * sample_time + (path[i].offset - back);
     };
     if (i > 0 && since() < S(0)) {
-      --i;  // by rounding it may have ended just before the next one begins: no rest between
-      if (since() - path[i].curve.duration < back) return path[i].curve.at(since());
+      --i;
+      // A table may leave out a piece that begins and ends between two ticks: on, not at rest, until the
+      // next.
+      const S gap = since() - path[i].curve.duration;
+      if (gap > S(0) && gap < sample_time) {
+        Motion2<S> m = path[i].curve.at(since());
+        m.position += (m.velocity + m.acceleration * (gap * S(0.5))) * gap;
+        m.velocity += m.acceleration * gap;
+        return m;
+      }
     }
     const S t = since();
     return motion_in(path[i], t >= S(0), t);

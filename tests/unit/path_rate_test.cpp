@@ -77,24 +77,27 @@ TEST(PathRate, PathsBetweenTicksAreTheirPieces) {
   }
 }
 
-/// Rounding leaves a gap between the end of a piece and the beginning of the next one: no rest there.
-TEST(PathRate, PathsGoOnWhereOnePieceFollowsAnother) {
-  std::mt19937 random(6);
-  for (int trial = 0; trial < 200; ++trial) {
-    std::vector<double> begin;
-    const auto path = random_path(random, begin);
-    Reference<double> r;
-    r.kind = ReferenceKind::path;
-    r.path = path;
-    for (std::size_t i = 1; i + 1 < begin.size(); ++i) {
-      const auto units = static_cast<std::int64_t>(std::llround(begin[i] / h * whole));
-      for (std::int64_t k = -2; k <= 2; ++k) {
-        const auto at = static_cast<std::uint64_t>(units + k);
-        const auto m = r.at(TickTime{at / whole, static_cast<std::uint32_t>(at % whole)}, h);
-        ASSERT_LT((m.velocity - path[i].curve.at(0.0).velocity).norm(), 1e-2)
-            << trial << ' ' << i << ' ' << k;
-      }
-    }
+/// A plan leaves out pieces that no tick sees: between ticks the motion goes on there.
+TEST(PathRate, PathsGoOnWhereAPieceIsLeftOut) {
+  const auto motion = [](double t) {
+    const V along(std::cos(20 * t), -std::sin(20 * t)), across(std::sin(20 * t), std::cos(20 * t));
+    return Motion2<double>{across, along * 20.0, across * -400.0};
+  };
+  const auto piece = [&](double from, double to) {
+    const double start = std::ceil(from);
+    return PathSegment<double>{static_cast<std::uint32_t>(start), (start - from) * h,
+                               Quintic<double>::between(motion(from * h), motion(to * h), (to - from) * h)};
+  };
+  const std::vector<PathSegment<double>> path{piece(0.0, 5.3), piece(5.7, 12.0)};
+  Reference<double> r;
+  r.kind = ReferenceKind::path;
+  r.path = path;
+  for (int k = 0; k < 1200; ++k) {
+    const TickTime at{static_cast<std::uint64_t>(k / 100),
+                      static_cast<std::uint32_t>(k % 100) * (whole / 100)};
+    const auto want = motion((double(at.tick) + double(at.fraction) / whole) * h), got = r.at(at, h);
+    ASSERT_LT((got.position - want.position).norm(), 1e-7) << k;
+    ASSERT_LT((got.velocity - want.velocity).norm(), 1e-3) << k;
   }
 }
 
