@@ -302,7 +302,7 @@ class Controller {
   [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at_path_rate() {
     return path_rate_.step(reference_, running_tick_, lead_ticks_, [&](const Motion2<S>& m) {
       Desired<M> d;
-      constexpr S to_the_loop = S(0.95L);  // of the torque; the rest is for the errors that it corrects
+      const S to_the_loop = S(0.95);  // of the torque; the rest is for the errors that it corrects
       return desired(m, d.pose, d.rates, d.acceleration) && motors_can(d, to_the_loop);
     });
   }

@@ -119,12 +119,13 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
   scene_ = read_loop_scene(options_);
   const auto base = static_cast<std::uint32_t>(scene_.command->base_id);
   PlantEnd<FiveBarTraits, HostBus> plant(scene_, options_, here_, frames_, nullptr, false);
-  for (const hal::CanFrame& f : {link::encode_identity(base, scene_.identity), link::encode_identity(base, 0),
-                                 link::encode_identity(base + 32, scene_.identity + 1)}) {
+  for (const hal::CanFrame& f :
+       {link::encode_identity(base, scene_.identity, false), link::encode_identity(base, 0, false),
+        link::encode_identity(base + 32, scene_.identity + 1, false)}) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
     EXPECT_EQ(plant.drain(), 0);
   }
-  ASSERT_EQ(there_.try_send(link::encode_identity(base, scene_.identity + 1)), hal::SendStatus::ok);
+  ASSERT_EQ(there_.try_send(link::encode_identity(base, scene_.identity + 1, false)), hal::SendStatus::ok);
   try {
     plant.drain();
     FAIL() << "not noticed";

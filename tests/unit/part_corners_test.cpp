@@ -232,11 +232,5 @@ TEST(PartCorners, OnlyTheImplicitLawDerivesItsLayer) {
   EXPECT_EQ(g.k[0], 0.0);
 }
 
-/// Away at the full speed allowed there is no room left, and the time is finite all the same.
-TEST(PartCorners, FadingFromTheFullSpeedAwayTakesAFiniteTime) {
-  const double time = fading_time(0.1, 2.0, 2.0, 50.0);
-  EXPECT_TRUE(time >= 30 * 0.1 / 2.0 && time < 10.0) << time;
-}
-
 }  // namespace
 }  // namespace esmc::test
