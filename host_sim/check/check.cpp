@@ -156,9 +156,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
-    const bool cycles = scene.sliding() && !scene.layered() &&
-                        scene.reaching != ReachingChoice::super_twisting && unstable_root(scene);
-    judge_probe(v.margins, v.parts, cycles, v.findings);
+    judge_probe(v.margins, v.parts, v.findings);
   }
   return v;
 }

@@ -1,8 +1,6 @@
 #pragma once
 /// `esmc check`: margins of a scene along its reference, of the true mechanism; the sampled loop; steps.
 
-#include <complex>
-#include <optional>
 #include <string>
 
 #include "host_sim/check/findings.hpp"
@@ -31,10 +29,6 @@ void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on a linear law, or one with a layer, whose sampled loop is unstable at poses along the
 /// reference. None where the controller does not run there.
 void judge_stability(const Scene& scene, Findings& f);
-/// The eigenvalue of largest modulus of the sampled loop at the middle one of six poses at rest along the
-/// reference, if its motion grows beyond noise in the time of the scene; empty also where the controller does
-/// not run there.
-[[nodiscard]] std::optional<std::complex<double>> unstable_root(const Scene& scene);
 /// Adds findings on the disturbance observer and, for sliding laws, on gains, lambda, the delay that the law
 /// is told, and the layer (by judge_layer): docs/theory.md, "Boundary layers and the implicit law". Throws
 /// InputError like robust_gains() where a law with a layer takes gain = "robust".

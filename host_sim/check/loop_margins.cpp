@@ -131,8 +131,10 @@ std::string margins_text(const Scene& scene, const std::vector<LoopMargins>& all
 
 }  // namespace
 
-std::optional<std::complex<double>> unstable_root(const Scene& scene) {
-  constexpr double enough = 5.0;  // e-folds, from the noise of a run to what is seen
+void judge_stability(const Scene& scene, Findings& f) {
+  const bool layered = scene.reaching == ReachingChoice::saturation || scene.reaching == ReachingChoice::tanh;
+  if (scene.sliding() && !layered) return;  // their limit cycles may be small
+  constexpr double enough = 5.0;            // e-folds, from the noise of a run to what is seen
   std::vector<std::complex<double>> roots;
   try {
     const double delay = loop_delay(scene);
@@ -145,23 +147,16 @@ std::optional<std::complex<double>> unstable_root(const Scene& scene) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::runtime_error&) {  // no loop at rest to judge: the parts that are simulated tell
-    return std::nullopt;
+    return;
   }
-  if (roots.empty()) return std::nullopt;
+  if (roots.empty()) return;
   const auto middle = roots.begin() + static_cast<std::ptrdiff_t>(roots.size() / 2);
   std::ranges::nth_element(roots, middle, {}, [](const auto& z) { return std::abs(z); });
-  if (!(std::log(std::abs(*middle)) * tick_count(scene) > enough)) return std::nullopt;
-  return *middle;
-}
-
-void judge_stability(const Scene& scene, Findings& f) {
-  if (scene.sliding() && !scene.layered()) return;  // their limit cycles may be small: judge_probe
-  const auto root = unstable_root(scene);
-  if (!root) return;
+  const double growth = std::log(std::abs(*middle));
+  if (!(growth * tick_count(scene) > enough)) return;
   f.error(Code::loop_rings, "control",
           "the sampled loop is unstable at rest: at {:.3g} Hz a motion grows by {:.2g} % per tick{}",
-          std::abs(std::arg(*root)) / (2.0 * std::numbers::pi * scene.tick()),
-          100.0 * (std::abs(*root) - 1.0),
+          std::abs(std::arg(*middle)) / (2.0 * std::numbers::pi * scene.tick()), 100.0 * std::expm1(growth),
           find_effect<CoulombFriction>(scene.effects) ? ", once it is larger than dry friction holds" : "");
   if (scene.sliding()) return;  // beyond its layer a law asks for no more than its gain
   f.error(Code::torque_exceeded, "control.torque_limit",

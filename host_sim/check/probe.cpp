@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "host_sim/controller/controller_config.hpp"
@@ -63,17 +62,7 @@ double mean_change(const Scene& s, const Trace& t, const Stretch& over) {
   return over.size() > 0.0 ? sum / (over.size() * static_cast<double>(motors)) : 0.0;
 }
 
-/// Change per tick of what three stretches of `ticks` measure one after the other, as far as they agree: 1
-/// where it rose once and fell once.
-double agreed_growth(const std::array<double, 3>& change, double ticks) {
-  const auto [a, b, c] = change;
-  if (!(a > 0.0 && b > 0.0 && c > 0.0)) return 1.0;
-  const double low = std::pow(std::min(b / a, c / b), 1.0 / ticks),
-               high = std::pow(std::max(b / a, c / b), 1.0 / ticks);
-  return low > 1.0 ? low : std::min(high, 1.0);
-}
-
-/// The last quarter of the ticks counts, the two before it say whether it grows or dies away.
+/// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
 ProbePart run_part(const Scene& s, std::uint32_t begins, bool typical) {
   const Trace t = probe(s);
   ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .typical = typical};
@@ -81,15 +70,11 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, bool typical) {
   std::size_t ran = t.saturated.size();
   if (const auto fault = t.statistics.fault_time())
     ran = static_cast<std::size_t>(std::llround(*fault * s.rate_hz));
-  std::array<double, 3> change{};
-  Stretch last{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    last = {std::max<std::size_t>(1, ran * (k + 1) / 4), ran * (k + 2) / 4};
-    last.to = std::max(last.from, last.to);
-    change[k] = mean_change(s, t, last);
-  }
-  out.change = change[2];
-  out.growth = agreed_growth(change, last.size());
+  const std::size_t first = std::max<std::size_t>(1, ran * 2 / 5), second = std::max(first, ran * 7 / 10);
+  const Stretch before{first, second}, last{second, std::max(ran, second)};
+  out.change = mean_change(s, t, last);
+  const double earlier = mean_change(s, t, before);
+  if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
   for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
   out.error = t.statistics.sums().effector.all().largest;
   return out;
@@ -123,10 +108,9 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   return out;
 }
 
-void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, bool unstable, Findings& f) {
+void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   // Of a mean of few ticks less than the limit may be the limit.
-  constexpr double dying = 0.98;
-  const double ringing = unstable ? 0.03 : 0.05;
+  constexpr double ringing = 0.05, dying = 0.98;
   // Where the reference takes nearly all the torque, the way onto it may saturate for longer than a part.
   const double half = m.share > 0.95 ? 0.9 : 0.4;
   double saturated = 0.0, change = 0.0, count = 0.0, ticks = 0.0;

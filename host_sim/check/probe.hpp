@@ -29,7 +29,7 @@ struct ProbePart {
 /// Runs at most probe_ticks of a closed loop: its start, from where the torque is largest, and four places
 /// along the reference; a scene that is no longer than that as a whole.
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m);
-/// Adds findings on the loop as it ran. `unstable`: within its layer, so that what is small goes on growing.
-void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, bool unstable, Findings& f);
+/// Adds findings on the loop as it ran.
+void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings& f);
 
 }  // namespace esmc::host

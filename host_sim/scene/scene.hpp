@@ -225,10 +225,6 @@ struct Scene {
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
   /// Whether the law has a sliding surface and a switching gain: esmc, esmc_projected, smc.
   [[nodiscard]] bool sliding() const { return law <= LawChoice::smc; }
-  /// Whether it switches within control.layer, and not by the sampling.
-  [[nodiscard]] bool layered() const {
-    return sliding() && (reaching == ReachingChoice::saturation || reaching == ReachingChoice::tanh);
-  }
   /// Whether the ODrive protocol carries the drives, of either firmware.
   [[nodiscard]] bool odrive() const {
     return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
