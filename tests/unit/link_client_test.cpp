@@ -106,7 +106,7 @@ TEST(LinkClient, ForgedFramesChangeNoSession) {
     const bool heard = client.hear(f);
     const bool status = f.id == 0x790 && f.size == 8 && !f.extended && !f.remote && !f.fd && f.data[7] != 0 &&
                         desk.seal(f, f.data[7]).data[0] == f.data[0] && (f.data[1] >> 4) < 9 &&
-                        (f.data[3] & 3) < 3 && ((f.data[3] >> 2) & 3) < 3;
+                        (f.data[3] & 3) < 3 && ((f.data[3] >> 2) & 3) < 3 && (f.data[3] >> 6) < 3;
     ASSERT_EQ(heard, status);
     if (!heard) {
       ASSERT_EQ(client.news().status.has_value(), before.has_value());

@@ -13,7 +13,6 @@
 #include "firmware/cycle/part_elbow_rotors.hpp"
 #include "firmware/cycle/part_momentum_observer.hpp"
 #include "firmware/cycle/part_super_twisting.hpp"
-#include "firmware/cycle/setpoint_generator.hpp"
 #include "tests/support/cycle_rig.hpp"
 
 namespace esmc::test {
