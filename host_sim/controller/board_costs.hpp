@@ -30,34 +30,34 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3086, 0},
-    {"esmc_projected", 2933, 0},
-    {"smc", 2868, 0},
-    {"ctc", 2827, 0},
-    {"pd", 2416, 0},
-    {"super_twisting", 2297, 3264},
-    {"implicit_coupled", 11114, 5800},
-    {"elbow_rotors", 199, 288},
-    {"momentum_observer", 1796, 3592},
-    {"predictor", 3980, 3760},
-    {"closure_projection", 2585, 2432},
-    {"four_motors", 4320, 9632},
+    {"esmc", 3083, 0},
+    {"esmc_projected", 2928, 0},
+    {"smc", 2863, 0},
+    {"ctc", 2822, 0},
+    {"pd", 2411, 0},
+    {"super_twisting", 2298, 3256},
+    {"implicit_coupled", 11115, 5792},
+    {"elbow_rotors", 200, 280},
+    {"momentum_observer", 1797, 3592},
+    {"predictor", 3982, 3752},
+    {"closure_projection", 2592, 2432},
+    {"four_motors", 4322, 9632},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4113, 0},
-    {"esmc_projected", 3686, 0},
-    {"smc", 3462, 0},
-    {"ctc", 3417, 0},
-    {"pd", 2812, 0},
-    {"super_twisting", 2799, 3216},
-    {"implicit_coupled", 11215, 4968},
-    {"elbow_rotors", 203, 280},
-    {"momentum_observer", 2710, 3584},
-    {"predictor", 5302, 3048},
-    {"closure_projection", 2995, 1912},
-    {"four_motors", 4151, 9232},
+    {"esmc", 4245, 0},
+    {"esmc_projected", 3841, 0},
+    {"smc", 3575, 0},
+    {"ctc", 3530, 0},
+    {"pd", 2879, 0},
+    {"super_twisting", 2810, 3216},
+    {"implicit_coupled", 11225, 4968},
+    {"elbow_rotors", 213, 280},
+    {"momentum_observer", 2720, 3584},
+    {"predictor", 5312, 3048},
+    {"closure_projection", 3025, 1912},
+    {"four_motors", 4140, 9224},
     // <!-- /costs mps2-an500 -->
 };
 

@@ -55,7 +55,13 @@ link::CaptureTick decode_record(const link::CaptureRecord& r, const std::array<f
 }
 
 std::vector<link::CaptureTick> read_capture(Connection& link) {
-  const CaptureNews first = ask_block(link, 0);
+  CaptureNews first = ask_block(link, 0);
+  // After a fault it records for an eighth of its length.
+  for (int n = 0;
+       n < 40 && first.state == link::CaptureState::recording && link.status().fault != Fault::none; ++n) {
+    (void)link.until([] { return false; }, 0.25, false);
+    first = ask_block(link, 0);
+  }
   require_readable(first);
   link.client().forget_capture();
   const auto& parts = link.news().capture_parts;

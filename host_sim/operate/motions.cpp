@@ -296,7 +296,7 @@ void Console::jog(const Words& words) {
 }
 
 bool Console::may_go_on() const {
-  return !stop_requested() && now().state == State::running && now().fault == Fault::none;
+  return !link_.stopped() && now().state == State::running && now().fault == Fault::none;
 }
 
 void Console::overrides(const std::vector<std::string>& sets) {
@@ -318,10 +318,12 @@ void Console::run_file(const std::string& file) {
   if (!stream.begin(path.at(0.0).position)) refuse("refused", "the stream was not taken");
   const bool over = follow_path(stream, path, [&] { return may_go_on(); });
   require_running();
-  if (stop_requested()) {
+  if (link_.stopped()) {
     interrupted_ = true;
     return bring_to_rest();
   }
+  // A sample that came late left a difference.
+  if (over && !move_to(stream.sample(path.at(path.duration()))->position)) return;
   const std::uint32_t sets = link_.news().telemetry;
   (void)link_.until([&] { return link_.news().telemetry > sets + 1; }, 1.0, false);  // of the end
   const auto at = position(space());
