@@ -1,5 +1,6 @@
 set(ESMC_SCALAR float)
 set(ESMC_BAKE_FLAGS --lockstep)
+set(ESMC_CAPTURE_TICKS 32)
 set(ESMC_BOARD_SOURCES mps2/main.cpp cortex_m/startup.cpp)
 set(ESMC_EMULATED ON)
 set(ESMC_DEFAULT_SCENE ${PROJECT_SOURCE_DIR}/host_sim/scenes/five_bar_circle.toml)

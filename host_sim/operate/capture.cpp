@@ -66,7 +66,6 @@ std::vector<link::CaptureTick> read_capture(Connection& link) {
   link.client().forget_capture();
   const auto& parts = link.news().capture_parts;
   constexpr std::size_t block = link::Capture::block;
-  const double per_part = 3.0 * static_cast<double>(link.parameter(link::Index::sample_time));
   for (std::size_t from = 0; from < first.count; from += block) {
     const std::size_t begin = from * link::capture_parts,
                       end = std::min<std::size_t>(from + block, first.count) * link::capture_parts;
@@ -77,12 +76,16 @@ std::vector<link::CaptureTick> read_capture(Connection& link) {
     };
     for (int attempt = 0; !all(); ++attempt) {
       if (attempt == 10) throw RunError("captured ticks are missing: the bus loses frames");
-      if (stop_requested()) throw Interrupted("interrupted: not all ticks were read");
       const CaptureNews now = ask_block(link, static_cast<std::uint8_t>(from / block));
       require_readable(now);
       if (now.recorded != first.recorded)
         throw Refused("not_now: the controller was armed meanwhile; read again");
-      (void)link.until(all, 1.0 + per_part * static_cast<double>(end - begin));
+      for (std::size_t before = parts.size() + 1;
+           !all() && parts.size() != before;) {  // as long as they come
+        before = parts.size();
+        (void)link.until(all, 1.0);
+        if (stop_requested()) throw Interrupted("interrupted: not all ticks were read");
+      }
     }
   }
   std::vector<link::CaptureTick> out;

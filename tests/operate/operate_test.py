@@ -587,7 +587,7 @@ class Board(Bench):
         folder = Path(self.folder.name, "ticks")
         self.good("capture", folder)
         ticks = (folder / "capture.csv").read_text(encoding="ascii").splitlines()
-        self.assertEqual(len(ticks) - 1, 1024 if self.board.endswith(".elf") else 64)  # ESMC_CAPTURE_TICKS of the image
+        self.assertEqual(len(ticks) - 1, 32 if self.board.endswith(".elf") else 64)  # ESMC_CAPTURE_TICKS of the image
         self.assertTrue(ticks[-1].endswith(",command_lost,halting") or ticks[-1].endswith(",command_lost,fault"), ticks[-1])
         self.refused("command_lost", "arm")
         self.assertIn("acknowledges command_lost", self.good("reset"))
