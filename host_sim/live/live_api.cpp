@@ -271,9 +271,10 @@ std::string LiveApi::log_mcap() const {
 }
 
 std::unique_ptr<Served> LiveApi::download(std::string_view path) {
-  if (path == "/log.csv") return std::make_unique<Served>("text/csv; charset=utf-8", log_csv());
-  if (path == "/log.mcap") return std::make_unique<Served>("application/octet-stream", log_mcap());
-  if (path == "/scene.toml") return std::make_unique<Served>("application/toml; charset=utf-8", scene_->toml);
+  if (path == "/log.csv") return std::make_unique<Served>(Served{"text/csv; charset=utf-8", log_csv()});
+  if (path == "/log.mcap") return std::make_unique<Served>(Served{"application/octet-stream", log_mcap()});
+  if (path == "/scene.toml")
+    return std::make_unique<Served>(Served{"application/toml; charset=utf-8", scene_->toml});
   return nullptr;
 }
 

@@ -180,7 +180,7 @@ void command_link(fuzz::Bytes& in) {
         "a value, bit by bit");
   }
   if (const auto r = link::decode_request(f))
-    require(f.data[2] < 3 && r->index == f.data[3] && little(f, 4, 4) == 0, "a request");
+    require(f.data[2] < 4 && r->index == f.data[3] && little(f, 4, 4) == 0, "a request");
   const link::Status s{static_cast<State>(in.below(state_count)),
                        static_cast<Fault>(in.below(fault_count)),
                        static_cast<link::Reacted>(in.below(3)),

@@ -109,7 +109,7 @@ class Run {
         if (const unsigned what = in_.below(12); what < 11)
           receive(order(what));
         else
-          receive(order(Desk::override_speed + (in_.u8() << 8U)));
+          receive(order(Desk::override_speed + (static_cast<unsigned>(in_.u8()) << 8U)));
         break;
       case 5:
         point();
