@@ -350,7 +350,6 @@ enum class CaptureState : std::uint8_t {
   ready = 2,
 };
 inline constexpr std::array<const char*, 3> capture_state_names{"none", "recording", "ready"};
-[[nodiscard]] constexpr const char* name(CaptureState s) { return name_in(capture_state_names, s); }
 
 /// A record travels in capture_parts frames; torques are in steps of their limit / capture_torque_steps.
 inline constexpr std::size_t capture_record_size = 24, capture_part_size = 6,

@@ -237,6 +237,29 @@ TEST(CycleLink, TheReferenceIsHeldOnItsPath) {
   EXPECT_NEAR(speed, 0.05, 1e-5);
 }
 
+/// A hold that the motors cannot follow waits, but not for ever.
+TEST(CycleLink, AHoldBeyondTheTorqueWaitsAndEnds) {
+  auto s = with_link<FiveBar<double>>();
+  s.link.source = link::Source::reference;
+  s.controller.limits.joint_speed = 1e3;
+  for (auto& most : s.controller.torque_limit) most = 1e-6;
+  Linked<FiveBar<double>> l(s);
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({l.desk.ask(2)});
+  l.tick({l.desk.order(Desk::arm)});
+  l.until_told(static_cast<unsigned>(State::running));
+  Vec2<double> last = l.tick({l.desk.order(Desk::hold)}).desired_effector;
+  const auto speed_after = [&](int ticks) {
+    Vec2<double> now = last;
+    for (int i = 0; i < ticks; ++i) last = now, now = l.tick().desired_effector;
+    const double speed = (now - last).norm() / 1e-3;
+    last = now;
+    return speed;
+  };
+  EXPECT_NEAR(speed_after(200), 0.2, 1e-5) << "waits";
+  EXPECT_EQ(speed_after(20000), 0.0);
+}
+
 TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
   Linked<FiveBar<double>> l;
   l.arm_for_set_points();

@@ -155,6 +155,14 @@ TEST(LinkCapture, ABusThatTakesNothingGetsEveryPartLater) {
   EXPECT_EQ(Desk::word(b.ask(), 4, 2), 10U);
   EXPECT_EQ(b.refused, 0);
   EXPECT_EQ(b.rows().size(), 10U);
+  // In the midst of the parts as well.
+  b.desk.heard.clear();
+  b.tick({b.desk.ask(3, 0)});
+  for (int i = 0; i < 30; ++i) b.tick();
+  b.refused = 3;
+  for (int i = 0; i < 600; ++i) b.tick();
+  EXPECT_EQ(b.refused, 0);
+  EXPECT_EQ(b.rows().size(), 10U);
   // Arming ends a readout.
   b.refused = 0;
   b.listen();
