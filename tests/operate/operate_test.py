@@ -234,8 +234,9 @@ class Operate(Bench):
 
         # A console that dies in the middle of it.
         slow = self.file("slow.toml", 'type = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 600.0\n')
+        begin = len(self.ear.console)
         run = self.start("operate", self.wire.bus, SCENE, *SETS, "run", slow)
-        self.ear.wait(lambda: len([1 for c in self.ear.console if c[1] == BASE + 3]) > 50 and self.ear.statuses[-1][1] == "running", "samples")
+        self.ear.wait(lambda: len([1 for c in self.ear.console[begin:] if c[1] == BASE + 3]) > 50 and self.ear.statuses[-1][1] == "running", "samples")
         run.kill()
         run.wait()
         self.lost(min(SILENCE, 100))
