@@ -138,7 +138,7 @@ class OperatorPage final : public Client {
   std::vector<std::string> answers_;
 };
 
-PageApi::PageApi(Json hello, std::vector<std::string_view> allowed, Clock::duration window,
+PageApi::PageApi(const Json& hello, std::vector<std::string_view> allowed, Clock::duration window,
                  Clock::duration absence)
     : hello_(dump(hello)), allowed_(std::move(allowed)), window_(window), absence_(absence) {}
 PageApi::~PageApi() = default;

@@ -37,7 +37,7 @@ class PageApi final : public Service {
   /// `hello`: what a page has to know once. `allowed`: commands that a page may give, besides jog. Counted
   /// from when the page that has the word was last there, a jog ends after `window`, and it has left after
   /// `absence`.
-  PageApi(nlohmann::ordered_json hello, std::vector<std::string_view> allowed, Clock::duration window,
+  PageApi(const nlohmann::ordered_json& hello, std::vector<std::string_view> allowed, Clock::duration window,
           Clock::duration absence);
   ~PageApi() override;
 

@@ -362,9 +362,9 @@ py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std
       to(static_cast<py::ssize_t>(i)) = result.objectives[i * columns + c];
     out[py::str(std::string(objectives[static_cast<std::size_t>(r.objectives[c])].name))] = column;
   }
-  if (driven) add_states(r, std::move(result), out);
   out["outcome"] = numpy.attr("array")(py::cast(result.outcomes));
   out["seed"] = py::array_t<std::uint64_t>(static_cast<py::ssize_t>(r.cases), result.seeds.data());
+  if (driven) add_states(r, std::move(result), out);
   return out;
 }
 
