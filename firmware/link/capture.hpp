@@ -54,8 +54,8 @@ struct CaptureTick {
 }
 
 /// Keeps a record of each tick in which the controller is not disabled, in a ring. It stops an eighth of the
-/// ring after a fault, until that is acknowledged; whoever arms again writes over the oldest records. It can
-/// be read while nothing is recorded.
+/// ring after a fault, until the fault is acknowledged; the next arming writes over the oldest records. It
+/// can be read while nothing is recorded.
 class Capture {
  public:
   static constexpr std::size_t block = 64;  ///< records that one request asks for

@@ -70,7 +70,8 @@ class OperatorPage final : public Client {
     try {
       const Json j = parse_json(message, false);
       if (!j.is_object()) throw Malformed();
-      if (j.contains("stop")) stop(word(j["stop"]));  // whoever asks, however often
+      if (j.contains("stop"))
+        stop(word(j["stop"]));  // also from a page that only watches, and beyond the limit of messages
       if (flood) throw Malformed();
       apply(j);
     } catch (const Malformed&) {
