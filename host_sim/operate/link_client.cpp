@@ -2,6 +2,7 @@
 
 #include <bit>
 #include <cmath>
+#include <utility>
 
 namespace esmc::host {
 namespace {
@@ -72,11 +73,13 @@ bool LinkClient::hear(const hal::CanFrame& f) {
       return false;
     }
     case Message::effector:
-      news_.effector = {real(f, 0), real(f, 4)};
-      ++news_.telemetry;
+      effector_ = {real(f, 0), real(f, 4)};
       return false;
     case Message::tracking_error:
+      if (!effector_) return false;  // its effector was lost
+      news_.effector = std::exchange(effector_, std::nullopt);
       news_.error = {real(f, 0), real(f, 4)};
+      ++news_.telemetry;
       return false;
     case Message::identity:
       news_.scene = hal::get_field(f, 0, 4);

@@ -35,7 +35,7 @@ struct ControllerNews {
   };
 
   std::optional<link::Status> status;
-  std::optional<std::array<float, 2>> effector, error;                      ///< m
+  std::optional<std::array<float, 2>> effector, error;                      ///< m, of one tick
   std::array<std::optional<std::array<float, 2>>, link::joints_max> joint;  ///< rad, N m
   std::optional<std::uint32_t> scene;                                       ///< of Identity
   std::uint8_t version = 0;                                                 ///< of Identity
@@ -103,6 +103,7 @@ class LinkClient {
 
   std::uint32_t base_;
   ControllerNews news_;
+  std::optional<std::array<float, 2>> effector_;  ///< whose tracking error is still to come
   std::array<std::uint8_t, link::incoming_count> counter_{};
 };
 

@@ -204,7 +204,7 @@ class Operate(Bench):
 
     def ends_at(self, out, x, y):
         at = [float(v) for v in out.split("end of the path: ", 1)[1].split()[:2]]
-        self.assertTrue(abs(at[0] - x) < 5e-4 and abs(at[1] - y) < 5e-4, out)  # in real time, on a loaded machine
+        self.assertTrue(abs(at[0] - x) < 5e-6 and abs(at[1] - y) < 5e-6, out)
 
     def test_streams_that_the_console_converts_and_plans(self):
         """A joint, where the controller takes x and y; a line and a program of another file."""

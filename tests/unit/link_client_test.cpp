@@ -66,6 +66,31 @@ TEST(LinkClient, NumbersBeyondTheWireMakeNoFrame) {
   EXPECT_TRUE(client.set_point(Space::effector, {8.388607, -8.388607}));
 }
 
+/// Position and tracking error are of one tick, also where a frame is lost: their sum is where the reference is.
+TEST(LinkClient, PairsEffectorAndTrackingErrorOfOneTick) {
+  LinkClient client(0x780);
+  const auto hear = [&](link::Message m, float x) {
+    (void)client.hear(link::encode_floats(0x780, static_cast<std::uint8_t>(m), x, -x));
+  };
+  const auto& n = client.news();
+  hear(link::Message::tracking_error, 1.0F);  // its effector was lost
+  EXPECT_FALSE(n.effector || n.error);
+  hear(link::Message::effector, 2.0F);
+  EXPECT_FALSE(n.effector || n.error);
+  hear(link::Message::tracking_error, 3.0F);
+  ASSERT_TRUE(n.effector && n.error);
+  EXPECT_EQ(n.telemetry, 1U);
+  hear(link::Message::effector, 4.0F);
+  EXPECT_EQ((*n.effector)[0], 2.0F);
+  EXPECT_EQ((*n.error)[1], -3.0F);
+  hear(link::Message::effector, 5.0F);  // the error between them was lost
+  hear(link::Message::tracking_error, 6.0F);
+  hear(link::Message::tracking_error, 7.0F);
+  EXPECT_EQ((*n.effector)[0], 5.0F);
+  EXPECT_EQ((*n.error)[0], 6.0F);
+  EXPECT_EQ(n.telemetry, 2U);
+}
+
 TEST(LinkClient, HearsWhatTheControllerSays) {
   Pair p;
   p.bench.report.effector = {0.25F, -0.5F};
