@@ -37,9 +37,13 @@ FOLDERS = {
     "firmware/drive": ("drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
                        "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis",
                        "moteus_codec", "moteus_axis"),
-    "firmware/link": ("link_codec", "link", "link_motion", "link_told", "link_store", "parameter_slots"),
+    "firmware/link": ("link_codec", "link", "link_motion", "link_capture", "link_told", "link_store", "parameter_slots"),
+    "firmware/cycle": ("cycle", "cycle_corners", "cycle_fault", "cycle_frames", "cycle_torque", "cycle_hostile", "cycle_io", "cia402_cycle", "cycle_link",
+                       "part_corners", "plausibility", "setpoint_generator", "path_rate", "fusion"),
     "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law", "law_bits"),
 }
+UNITS = {"firmware/cycle": "firmware/cycle/instances_part_*.cpp"}  # what tests need beside headers
+ARCHIVE = "firmware/cycle/instances.hpp"  # keeps its templates out of the tests, where mutants are to be judged
 SLOW = "*Random*"  # tests by the hundred thousand frames come last
 FLAGS = ["-std=c++20", "-isystem", "/usr/include/eigen3", "-DEIGEN_DONT_VECTORIZE", "-DEIGEN_NO_DEBUG", "-ffp-contract=off",
          "-Wno-c++11-narrowing", "-Wno-invalid-constexpr", "-ferror-limit=0", "-w"]
@@ -55,14 +59,16 @@ class Bench:
         self.tests = [f"tests/unit/{t}_test.cpp" for t in tests]
         self.build = build / folder
         self.build.mkdir(parents=True, exist_ok=True)
-        self.level = "-O1" if "control" in folder else "-O0"  # its tests take minutes without optimisation, the others ms
+        self.units = sorted(str(f.relative_to(root)) for f in root.glob(UNITS[folder])) if folder in UNITS else []
+        self.numeric = "control" in folder or "cycle" in folder
+        self.level = "-O1" if self.numeric else "-O0"  # its tests take minutes without optimisation, the others ms
         self.precompile()
         self.patience = {}  # by pattern, s
 
     def precompile(self):
         head = self.build / f"gtest{self.level}.hpp"
         text = (f"// {self.cxx} {' '.join(FLAGS)}\n#include <gtest/gtest.h>\n#include <cmath>\n#include <random>\n#include <set>\n#include <vector>\n" +
-                ("#include <Eigen/Dense>\n" if "control" in self.folder else ""))
+                ("#include <Eigen/Dense>\n" if self.numeric else ""))
         if not head.with_suffix(".pch").exists() or head.read_text() != text:
             head.write_text(text)
             subprocess.run([self.cxx, *FLAGS, self.level, "-x", "c++-header", head, "-o", head.with_suffix(".pch")], check=True)
@@ -110,12 +116,19 @@ class Bench:
                 return status, test
         return 0, ""
 
+    def open_templates(self, overlay):
+        """Every test has the templates of the archive compiled anew."""
+        target = overlay / ARCHIVE
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(re.sub(r"^(ESMC_CONTROLLER\(extern template|extern template)[^;]*;", "", (self.root / ARCHIVE).read_text(), flags=re.M))
+
     def write(self, overlay, all_):
-        wanted = {m.file for m in all_}
+        wanted = {m.file for m in all_} | {ARCHIVE}
+        self.open_templates(overlay)
         for old in overlay.rglob("*.hpp"):  # of a study of more files: its numbers are others
             if str(old.relative_to(overlay)) not in wanted:
                 old.unlink()
-        for file in sorted(wanted):
+        for file in sorted(wanted - {ARCHIVE}):
             target = overlay / file
             target.parent.mkdir(parents=True, exist_ok=True)
             text = mutants.together((self.root / file).read_text(), [m for m in all_ if m.file == file])
@@ -152,8 +165,9 @@ class Bench:
                 if not self.relent(all_, done.stderr):
                     sys.exit(f"{self.folder}: tests do not compile:\n{done.stderr[:3000]}")
                 self.write(overlay, all_)
-        objects = [self.build / (pathlib.Path(test).stem + ".o") for test in self.tests]
-        for test, out in zip(self.tests, objects):
+        sources = [*self.tests, *self.units]
+        objects = [self.build / (pathlib.Path(source).stem + ".o") for source in sources]
+        for test, out in zip(sources, objects):
             if self.compile(overlay, test, out).returncode != 0:
                 sys.exit(f"{self.folder}: {test} does not compile")
         program = self.build / "together.out"
@@ -169,7 +183,7 @@ class Bench:
     @functools.cache  # noqa: B019
     def includes(self, test):
         """Files of the project that a test is made of."""
-        seen, waiting = set(), [test]
+        seen, waiting = set(), [test, *self.units]
         while waiting:
             for name in re.findall(r'^#include "([^"]+)"', (self.root / waiting.pop()).read_text(), re.M):
                 if name not in seen and (self.root / name).exists():
@@ -194,11 +208,15 @@ class Bench:
         target.parent.mkdir(parents=True, exist_ok=True)
         for old in target.parent.glob("*"):
             old.unlink()
+        self.open_templates(overlay)
         target.write_text(mutants.alone((self.root / m.file).read_text(), m))
         for test in self.judges(m.file):
-            if self.compile(overlay, test, self.build / "alone.o").returncode != 0:
-                return "not compiled", test
-            self.link([self.build / "alone.o"], self.build / "alone.out")
+            objects = []
+            for source in (test, *self.units):
+                objects.append(self.build / f"alone_{pathlib.Path(source).stem}.o")
+                if self.compile(overlay, source, objects[-1]).returncode != 0:
+                    return "not compiled", test
+            self.link(objects, self.build / "alone.out")
             status = self.once(self.build / "alone.out", "*", patience=3 * sum(self.patience[f] for f in self.filters(test)))
             if status != 0:
                 return "did not end" if status == TIMED_OUT else "failed", test
