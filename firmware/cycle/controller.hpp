@@ -155,9 +155,11 @@ class Controller {
       apply_law(t, out);
       if (run && running_tick_ < config_.ramp_ticks) ramp_torque(t.pose, out);
     }
+    if (config_.correct != nullptr) [[unlikely]]
+      config_.correct(config_, measured, MotorTorque::given_to_asked, out.torque);
     fault = limit(out);
     if (uses_memory_) [[unlikely]]
-      memory_.keep(out.torque, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
+      keep(measured, out, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
     return fault;
   }
 
@@ -353,6 +355,13 @@ class Controller {
     } else {
       w.template head<2>() -= memory_.disturbance;
     }
+  }
+
+  /// The parts' memory is of torques that the motors give.
+  [[gnu::cold]] void keep(const Sample<M>& measured, const TickResult<M>& out, bool as_asked) {
+    Vec<S, M::joints> given = out.torque;
+    if (config_.correct != nullptr) config_.correct(config_, measured, MotorTorque::asked_to_given, given);
+    memory_.keep(given, as_asked);
   }
 
   Fault limit(TickResult<M>& out) const {

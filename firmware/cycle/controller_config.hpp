@@ -63,6 +63,8 @@ struct ControllerConfig {
   ObserverPart<M> observer = nullptr;  ///< its disturbance is compensated
   PredictorPart<M> predict =
       nullptr;  ///< the law acts on the predicted state and the reference at its instant
+  MotorMap<S, M::joints> motor_map{};
+  MotorPart<M> correct = nullptr;  ///< part::motor_map; null: motors give what they are asked for
 
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }

@@ -5,6 +5,7 @@
 
 #include "firmware/control/law.hpp"
 #include "firmware/control/super_twisting.hpp"
+#include "firmware/cycle/sample.hpp"
 
 namespace esmc {
 
@@ -58,6 +59,19 @@ using ReachingPart = void (*)(const ControllerConfig<M>& config, const Tracking<
 /// Updates memory.disturbance from the measured state.
 template <class M>
 using ObserverPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
+/// What motors give: factor * asked + amplitude * sin(per_turn * joint angle + phase), one entry per joint.
+template <class S, int Joints>
+struct MotorMap {
+  Vec<S, Joints> factor = Vec<S, Joints>::Ones();     ///< > 0
+  Vec<S, Joints> amplitude = Vec<S, Joints>::Zero();  ///< of the cogging torque, N m at the joint
+  Vec<S, Joints> per_turn = Vec<S, Joints>::Zero();   ///< its periods per turn of the joint
+  Vec<S, Joints> phase = Vec<S, Joints>::Zero();      ///< rad
+};
+/// Changes torques, N m at the joints, between those that the motors are asked for and those that they give.
+enum class MotorTorque : std::uint8_t { given_to_asked, asked_to_given };
+template <class M>
+using MotorPart = void (*)(const ControllerConfig<M>& config, const Sample<M>& measured, MotorTorque change,
+                           Vec<typename M::Scalar, M::joints>& torque);
 /// Moves the state of `t` to the instant at which the torque of this tick acts.
 template <class M>
 using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory,
@@ -83,6 +97,11 @@ void momentum_observer(const ControllerConfig<M>& config, const Tracking<M>& t, 
 /// Moves pose and rates of t over the known delay: the model under sent torques and observed disturbance.
 template <class M>
 void predictor(const ControllerConfig<M>& config, const PartMemory<M>& memory, Tracking<M>& t);
+/// Applies config.motor_map at the joint angles of the instant at which the torque acts. NaN where the phase
+/// of the cogging torque is beyond the range of sin_cos.
+template <class M>
+void motor_map(const ControllerConfig<M>& config, const Sample<M>& measured, MotorTorque change,
+               Vec<typename M::Scalar, M::joints>& torque);
 
 }  // namespace part
 }  // namespace esmc

@@ -157,6 +157,11 @@ std::string text(const Gains<M>& v) {
   const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
   return braces(lambda, k, layer, Code{braces(own_lambda, own_k, own_layer, kp, kd)});
 }
+template <class S, int Joints>
+std::string text(const MotorMap<S, Joints>& v) {
+  const auto& [factor, amplitude, per_turn, phase] = v;
+  return braces(factor, amplitude, per_turn, phase);
+}
 template <class Mode>
 std::string mode_text(const Mode& v) {
   if constexpr (requires { v.assembly; })
@@ -179,7 +184,7 @@ std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
                torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
                guide_acceleration, guide_jerk, motors, sensors, preload, allocate, variance, fuse, delay, lag,
-               bandwidth, reach, behind, observer, predict] = v;
+               bandwidth, reach, behind, observer, predict, motor_map, correct] = v;
   const auto reaching_part = [](ReachingPart<M> p) {
     return Code{part_text({{p == &part::super_twisting<M>, "super_twisting"},
                            {p == &part::implicit_coupled<M>, "implicit_coupled"},
@@ -193,7 +198,8 @@ std::string text(const ControllerConfig<M>& v) {
       Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
       Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth, reaching_part(reach),
       reaching_part(behind), Code{part_text({{observer != nullptr, "momentum_observer"}})},
-      Code{part_text({{predict != nullptr, "predictor"}})});
+      Code{part_text({{predict != nullptr, "predictor"}})}, motor_map,
+      Code{part_text({{correct != nullptr, "motor_map"}})});
   return "{\n" + lines + "      }";
 }
 

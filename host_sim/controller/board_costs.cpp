@@ -19,6 +19,7 @@ std::vector<std::string_view> parts_of(const Scene& s) {
   std::vector<std::string_view> out{name(s.law)};
   if (s.sliding() && s.reaching > ReachingChoice::implicit) out.emplace_back(name(s.reaching));
   if (has_elbow_rotors(s.believed.value_or(s.mechanism))) out.emplace_back("elbow_rotors");
+  if (!s.model.plain_motors()) out.emplace_back("motor_map");
   if (s.disturbance_observer > 0.0) out.emplace_back("momentum_observer");
   if (s.predictor) out.emplace_back("predictor");
   if (!s.encoder_sigma.empty()) out.emplace_back("closure_projection");

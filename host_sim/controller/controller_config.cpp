@@ -85,6 +85,7 @@ void set_law(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
   c.observer_bandwidth = static_cast<S>(scene.disturbance_observer);
   if (scene.disturbance_observer > 0.0) c.observer = &part::momentum_observer<M>;
   if (scene.predictor) c.predict = &part::predictor<M>;
+  if (!scene.model.plain_motors()) c.correct = &part::motor_map<M>;
   set_gains(scene, borne_delay(scene, pacing), c.gains);
 }
 
@@ -128,6 +129,10 @@ void set_motors_and_sensors(const Scene& scene, ControllerConfig<M>& c) {
     const double limit = scene.torque_limit[u];
     if (!scene.preload.empty()) c.preload[joint] = static_cast<S>(scene.preload[u]);
     c.torque_limit[joint] = static_cast<S>(limit);
+    c.motor_map.factor[joint] = static_cast<S>(scene.model.torque_factor[u]);
+    c.motor_map.amplitude[joint] = static_cast<S>(scene.model.ripple_amplitude[u]);
+    c.motor_map.per_turn[joint] = static_cast<S>(scene.model.ripple_per_turn[u]);
+    c.motor_map.phase[joint] = static_cast<S>(scene.model.ripple_phase[u]);
     c.torque_weight[joint] =
         static_cast<S>(scene.torque_weight.empty() ? 1.0 / (limit * limit) : scene.torque_weight[u]);
   }

@@ -106,6 +106,7 @@ std::optional<Defect> find_defect(const std::vector<Explained>& views, const Ide
         five_sigma * static_cast<double>(m.value.size()) * (d.kind == DefectKind::cogging ? handicap : 1.0);
     d.statistic = m.statistic / needed;
     d.amount = m.value.size() == 1 ? m.value[0] : m.value.norm();
+    if (d.kind == DefectKind::cogging) d.phase = std::atan2(m.value[1], m.value[0]);
     d.sigma = std::sqrt(m.covariance.diagonal().maxCoeff());
     const auto n = static_cast<Eigen::Index>(at.parameters.size());
     d.shift = std::abs(m.shift[n]) / at.delay_sigma;

@@ -25,7 +25,8 @@ struct IdentifyProblem {
   /// Of each joint, as believed, and not part of what is found: N m, half of what friction is larger one way;
   /// kg m2, of a rotor behind its gear.
   std::array<double, 4> asymmetry{}, rotor{};
-  std::vector<std::array<double, 4>> torque;  ///< N m asked of each joint at that tick; 0 without a motor
+  std::vector<std::array<double, 4>> torque;  ///< N m that the motor of a joint gives, as believed, for what
+                                              ///< it was asked at that tick; 0 without a motor
   Vector
       nominal;  ///< of the standard parameters, see standard_parameters(); frictions 0 where nothing is known
 };
@@ -59,6 +60,7 @@ struct Defect {
   DefectKind kind{};
   int joint = 0;
   double periods = 1.0;  ///< cogging: per turn of the joint
+  double phase = 0.0;    ///< cogging: amount * sin(periods * angle + phase), rad
   double amount = 0.0,
          sigma = 0.0;  ///< N m (direction: half of the difference), kg m2, 1, N m, rad, rad/(N m)
   double statistic = 0.0,

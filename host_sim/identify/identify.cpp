@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <nlohmann/json.hpp>
 
 #include "host_sim/controller/controller_config.hpp"
@@ -69,9 +70,18 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   require_every_tick(log, 0, p.tick);
   p.angle = {log.columns[1], log.columns[2]};
   for (const std::size_t m : motors) p.motors.push_back(static_cast<int>(m));
+  const auto later = static_cast<std::size_t>(std::lround(scene.delay_ticks.value_or(0.0)));
   for (std::size_t i = 0; i < log.rows(); ++i) {
     std::array<double, 4> torque{};
-    for (std::size_t m = 0; m < motors.size(); ++m) torque[motors[m]] = log.columns[3 + m][i];
+    const std::size_t acts = std::min(i + later, log.rows() - 1);
+    for (std::size_t m = 0; m < motors.size(); ++m) {
+      double& given = torque[motors[m]];
+      given = scene.model.torque_factor[m] * log.columns[3 + m][i];
+      if (motors[m] % second == 0)
+        given += scene.model.ripple_amplitude[m] *
+                 std::sin(scene.model.ripple_per_turn[m] * p.angle[motors[m] / second][acts] +
+                          scene.model.ripple_phase[m]);
+    }
     p.torque.push_back(torque);
   }
   return p;
@@ -222,6 +232,49 @@ std::string text_of(const Identification& r, const RecordedRun& run, const Ident
 }
 
 /// The scene of the run whose controller believes what was found.
+/// What is believed of the motors, and what was found beyond that: of each motor one cogging torque, the
+/// larger.
+void put_motors(toml::table& model, const Identification& r, const IdentifyProblem& p,
+                const ModelFactors& believed) {
+  const std::size_t n = p.motors.size();
+  const auto of_motors = [n](const PerJoint& v) {
+    return std::vector<double>(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(n));
+  };
+  std::vector<double> factor = of_motors(believed.torque_factor),
+                      per_turn = of_motors(believed.ripple_per_turn);
+  std::vector<std::complex<double>> cogging(n);
+  for (std::size_t m = 0; m < n; ++m)
+    cogging[m] = believed.ripple_amplitude[m] * std::polar(1.0, believed.ripple_phase[m]);
+  for (const Defect& d : r.defects) {
+    const auto m = static_cast<std::size_t>(std::ranges::find(p.motors, d.joint) - p.motors.begin());
+    if (d.kind == DefectKind::torque_constant) factor[m] *= 1.0 + d.amount;
+    if (d.kind != DefectKind::cogging) continue;
+    const auto more = std::polar(d.amount, d.phase);
+    if (cogging[m] != 0.0 && per_turn[m] == d.periods) {
+      cogging[m] += more;
+    } else if (std::abs(more) > std::abs(cogging[m])) {
+      cogging[m] = more;
+      per_turn[m] = d.periods;
+    }
+  }
+  if (std::ranges::any_of(factor, [](double x) { return x != 1.0; }))
+    model.insert("torque_factor", number_array(factor));
+  if (std::ranges::all_of(cogging, [](auto x) { return x == 0.0; })) return;
+  std::vector<double> amplitude, phase;
+  for (const auto& c : cogging) {
+    amplitude.push_back(std::abs(c));
+    phase.push_back(std::arg(c));
+  }
+  for (double& periods : per_turn) {
+    if (periods == 0.0) periods = 1.0;  // of a motor without cogging
+  }
+  toml::table ripple{{"amplitude", number_array(amplitude)},
+                     {"per_turn", number_array(per_turn)},
+                     {"phase", number_array(phase)}};
+  ripple.is_inline(true);
+  model.insert("ripple", std::move(ripple));
+}
+
 std::string identified_scene(const Identification& r, const RecordedRun& run, const IdentifyProblem& p,
                              double coverage) {
   const FiveBarParams<double> found = identified_mechanism(r, p, believed_mechanism(run.scene), coverage);
@@ -240,8 +293,9 @@ std::string identified_scene(const Identification& r, const RecordedRun& run, co
   if (std::ranges::any_of(asymmetry, [](double x) { return x != 0.0; }))
     friction.insert("asymmetry", number_array(asymmetry));
   friction.is_inline(true);
-  sub_table(scene, "control")
-      .insert_or_assign("model", toml::table{{"mechanism", mechanism}, {"friction", friction}});
+  toml::table model{{"mechanism", mechanism}, {"friction", friction}};
+  put_motors(model, r, p, run.scene.model);
+  sub_table(scene, "control").insert_or_assign("model", std::move(model));
   toml::table& uncertainty = sub_table(scene, "uncertainty");
   for (const char* key : {"m1", "m2", "J1", "J2", "payload"}) uncertainty.erase(key);
   toml::table around = parse_scene_text(uncertainty_table(r, p, found, coverage).toml, "", {});

@@ -76,10 +76,7 @@ bool LinkClient::hear(const hal::CanFrame& f) {
       effector_ = {real(f, 0), real(f, 4)};
       return false;
     case Message::tracking_error:
-      if (!effector_) return false;  // its effector was lost
-      news_.effector = std::exchange(effector_, std::nullopt);
-      news_.error = {real(f, 0), real(f, 4)};
-      ++news_.telemetry;
+      read_tracking_error(f);
       return false;
     case Message::identity:
       news_.scene = hal::get_field(f, 0, 4);
@@ -98,6 +95,13 @@ bool LinkClient::hear(const hal::CanFrame& f) {
   const std::uint32_t joint = offset - static_cast<std::uint32_t>(Message::joint_1);
   if (joint < link::joints_max) news_.joint[joint] = {real(f, 0), real(f, 4)};
   return false;
+}
+
+void LinkClient::read_tracking_error(const hal::CanFrame& f) {
+  if (!effector_) return;  // it was lost
+  news_.effector = std::exchange(effector_, std::nullopt);
+  news_.error = {real(f, 0), real(f, 4)};
+  ++news_.telemetry;
 }
 
 void LinkClient::read_value(const hal::CanFrame& f) {

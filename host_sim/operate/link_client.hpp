@@ -96,6 +96,7 @@ class LinkClient {
   [[nodiscard]] hal::CanFrame sealed(hal::CanFrame f) const;
   std::optional<hal::CanFrame> pair(link::Message m, link::Space space, const std::array<double, 2>& v,
                                     double unit);
+  void read_tracking_error(const hal::CanFrame& f);
   void read_value(const hal::CanFrame& f);
   void read_record(link::Message m, const hal::CanFrame& f);
   void read_store(const hal::CanFrame& f);

@@ -92,6 +92,14 @@ void read_model(Section s, Scene& scene) {
   } else {
     f.exact_friction = s.text("friction") == "exact";
   }
+  if (s.has("ripple")) {
+    Section ripple = s.required_section("ripple");
+    ripple.read_fields(scene);
+    ripple.finish();
+    if (scene.all_motors && !scene.all_sensors &&
+        (f.ripple_amplitude[1] != 0.0 || f.ripple_amplitude[3] != 0.0))
+      s.fail("ripple", "of an elbow's motor needs its angle: control.sensors = \"all\"");
+  }
   s.finish();
   for (LegParams<double> leg : scene.believed ? scene.believed->legs : scene.mechanism.legs) {
     for (const LegKey& k : std::span(leg_keys).last<4>()) leg.*k.value *= f.*k.factor;  // masses, inertias

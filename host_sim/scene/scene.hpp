@@ -33,7 +33,13 @@ struct ModelFactors {
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
   PerJoint viscous{}, coulomb{},
-      asymmetry{};  ///< believed friction, N m s/rad, N m; unused with exact_friction
+      asymmetry{};                     ///< believed friction, N m s/rad, N m; unused with exact_friction
+  PerJoint torque_factor{1, 1, 1, 1};  ///< torque that motor i gives over that asked of it
+  PerJoint ripple_amplitude{}, ripple_per_turn{}, ripple_phase{};  ///< of motor i, N m, -, rad
+  /// The motors are believed to give what they are asked for.
+  [[nodiscard]] bool plain_motors() const {
+    return torque_factor == PerJoint{1, 1, 1, 1} && ripple_amplitude == PerJoint{};
+  }
 };
 
 /// Keys of a leg, their values, and their factors in [control.model].

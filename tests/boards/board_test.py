@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 import sample  # noqa: E402
 
 LAWS = ("esmc", "esmc_projected", "smc", "ctc", "pd")  # in the order of count.cpp
-OPTIONS = ("super_twisting", "implicit_coupled", "elbow_rotors", "momentum_observer", "predictor", "closure_projection", "four_motors")
+OPTIONS = ("super_twisting", "implicit_coupled", "elbow_rotors", "motor_map", "momentum_observer", "predictor", "closure_projection", "four_motors")
 LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projection")  # that fit together
 SET_POINTS = {"new_set_point": 3000, "set_point_tick": 600}  # instructions at most, of a Cortex-M4F
 # What a tick under ESMC runs, mangled. Every function of such a name must lie in the fast memory; the first three may be inlined.

@@ -203,6 +203,11 @@ constexpr auto elbow_rotors = [](Node::Config& c) {
   c.controller.mechanism = M(with_rotors);
   c.controller.reach = &part::elbow_rotors<M>;
 };
+constexpr auto motor_map = [](Node::Config& c) {
+  c.controller.correct = &part::motor_map<M>;
+  c.controller.motor_map.amplitude.setConstant(S(0.01F));
+  c.controller.motor_map.per_turn.setConstant(S(14));
+};
 constexpr auto momentum_observer = [](Node::Config& c) {
   c.controller.observer = &part::momentum_observer<M>;
   c.controller.observer_bandwidth = S(50);
@@ -225,12 +230,14 @@ constexpr auto four_motors = [](Node::Config& c) {
 constexpr Option options[] = {{"super_twisting", super_twisting},
                               {"implicit_coupled", implicit_coupled},
                               {"elbow_rotors", elbow_rotors},
+                              {"motor_map", motor_map},
                               {"momentum_observer", momentum_observer},
                               {"predictor", predictor},
                               {"closure_projection", closure_projection},
                               {"four_motors", four_motors},
                               {"largest", [](Node::Config& c) {
                                  super_twisting(c);
+                                 motor_map(c);
                                  momentum_observer(c);
                                  predictor(c);
                                  closure_projection(c);

@@ -200,13 +200,78 @@ def one_way(bench):
         expect(run.returncode == 2 and key in run.stderr and "must be at most" in run.stderr and run.stderr.count("\n") == 1, f"{value}: {run.returncode} {run.stderr}")
 
 
+def motors(bench):
+    """Motors that give more or less torque than they are asked for, or cog: the torques of a controller that knows it, the scene that identify writes, the error that
+    remains."""
+    arm, five = bench.scenes / "rr_line.toml", bench.scenes / "five_bar_identification.toml"
+    for scene, motor, factor, ripple in ((arm, 2, 1.25, (0.05, 7, 0.4)), (five, 1, 0.8, (0.003, 24, -2.0))):
+        model = "control.model={{torque_factor={}, ripple={{amplitude={}, per_turn={}, phase={}}}}}"
+        one = [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [0.0, 0.0]
+        known = [list(v) for v in one]
+        for v, x in zip(known, (factor, *ripple), strict=True):
+            v[motor - 1] = x
+        first = []
+        for k in (one, known):
+            out, run = bench.record(f"first{len(first)}", "sim", scene, *[x for s in ("effects=[]", "control.delay_ticks=0", "simulation.duration=0.05", model.format(*k)) for x in ("--set", s)])
+            with open(Path(out) / "log.csv", encoding="utf-8", newline="") as file:
+                first.append({k: float(v) for k, v in next(csv.DictReader(file)).items() if k != "state"})
+        columns = [c for c in first[0] if c.startswith("tau") and c.endswith("_cmd")]
+        joint = [c for c in first[0] if c.startswith("theta") and c.endswith("_meas")]
+        angle = first[0][joint[0 if motor == 1 else len(joint) // 2]]
+        want = [first[0][c] for c in columns]
+        want[motor - 1] = (want[motor - 1] - ripple[0] * math.sin(ripple[1] * angle + ripple[2])) / factor
+        got = [first[1][c] for c in columns]
+        expect(all(abs(g - w) < 1e-9 + 1e-9 * abs(w) for g, w in zip(got, want, strict=True)), f"torques asked for: {got}, by hand {want}")
+
+    sets = ["effects=[{type=\"torque_ripple\", amplitude=0.02, per_turn=14.0}]", "control.delay_ticks=0"]
+    told = "control.model.ripple={amplitude=0.02, per_turn=14}"
+    for law in (["control.law=esmc"], ["control.law=ctc"], ["control.disturbance_observer=40"], ["control.reaching=super_twisting", "control.gain=500"],
+                ["control.predictor=true", "control.delay_ticks=2"]):
+        late = ["effects=[{type=\"torque_ripple\", amplitude=0.02, per_turn=14.0}, {type=\"compute_delay\", time=2e-3}]"] if "predictor" in law[0] else []
+        no_ripple = [late[0].replace("0.02", "0.0")] if late else ["effects=[]"]
+        ideal, with_it, without = (settled(bench, five, *sets, *law, *x) for x in (no_ripple, [*late, told], late))
+        expect(with_it < 1.5 * ideal + 2e-6 and with_it < 0.7 * without, f"{law}: {with_it} m with cogging that is known, {without} with one that is not, {ideal} without")
+
+    out, _ = bench.record("cogging", "sim", five, *[x for s in sets for x in ("--set", s)])
+    file = bench.folder / "cogging.toml"
+    found = bench.good(out, "--write", file)
+    model = tomllib.loads(file.read_text(encoding="utf-8"))["control"]["model"]
+    ripple = model.get("ripple", {})
+    sigma = max((m["sigma"] for m in found["misfits"] if m["code"] == "cogging"), default=0.0)
+    expect(ripple.get("per_turn") == [14.0, 14.0] and all(abs(a - 0.02) < 4 * sigma for a in ripple["amplitude"]) and all(abs(p) < 0.2 for p in ripple["phase"]),
+           f"written: {model}, {found['misfits']}")
+    exact, wrong, after = settled(bench, five, *sets, told), settled(bench, five, *sets), settled(bench, file)
+    expect(after <= 1.1 * exact + 1e-6 and after < 0.5 * wrong, f"{after} m with what was found, {exact} with the truth, {wrong} before")
+    again, _ = bench.record("cogging_known", "sim", file)
+    expect(bench.good(again)["misfits"] == [], "cogging that is known is named again")
+
+    out, _ = bench.record("weak", "sim", five, "--set", "effects=[]", "--set", "control.delay_ticks=0")
+    with open(out / "log.csv", encoding="utf-8", newline="") as csv_file:
+        rows = list(csv.DictReader(csv_file))
+    for r in rows:
+        r["tau21_cmd"] = repr(float(r["tau21_cmd"]) / 0.9)
+    with open(out / "log.csv", "w", encoding="utf-8", newline="") as csv_file:
+        table = csv.DictWriter(csv_file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+    found = bench.good(out, "--write", file)
+    factor = tomllib.loads(file.read_text(encoding="utf-8"))["control"]["model"].get("torque_factor", [1, 1])
+    expect(abs(factor[1] - 0.9) < 0.01 and factor[0] == 1.0, f"torque factors {factor}: {found['misfits']}")
+    for key, value, what in (("torque_factor", "0", "from 0.1 to 10"), ("torque_factor", "[1, 1, 1]", "2 numbers"), ("ripple", "{amplitude=0.1}", "per_turn"),
+                             ("ripple", "{amplitude=0.1, per_turn=0}", "> 0"), ("ripple", "{amplitude=0.1, per_turn=3, phase=11}", "-10 to 10")):
+        run = bench.run("sim", five, "--set", f"control.model.{key}={value}")
+        expect(run.returncode == 2 and what in run.stderr and key in run.stderr and run.stderr.count("\n") == 1, f"{key}={value}: {run.returncode} {run.stderr}")
+    run = bench.run("sim", five, "--set", "control.motors=all", "--set", "control.model.ripple={amplitude=0.1, per_turn=3}")
+    expect(run.returncode == 2 and "sensors" in run.stderr, f"an elbow whose angle nobody measures: {run.returncode} {run.stderr}")
+
+
 def main():
     if len(sys.argv) != 3:
         print(__doc__, file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder:
         bench = LogBench("identify", sys.argv[1], Path(sys.argv[2]).resolve(), folder)
-        for check in (rotors, elbow_plant, elbow_controller, elbow_identified, one_way):
+        for check in (rotors, elbow_plant, elbow_controller, elbow_identified, one_way, motors):
             check(bench)
     for what in failures:
         print("FAILED:", what)

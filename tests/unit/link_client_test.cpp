@@ -66,7 +66,8 @@ TEST(LinkClient, NumbersBeyondTheWireMakeNoFrame) {
   EXPECT_TRUE(client.set_point(Space::effector, {8.388607, -8.388607}));
 }
 
-/// Position and tracking error are of one tick, also where a frame is lost: their sum is where the reference is.
+/// Position and tracking error are of one tick, also where a frame is lost: their sum is where the reference
+/// is.
 TEST(LinkClient, PairsEffectorAndTrackingErrorOfOneTick) {
   LinkClient client(0x780);
   const auto hear = [&](link::Message m, float x) {

@@ -85,6 +85,9 @@ TYPED_TEST(NoHeap, WithEveryOptionalPart) {
     s.controller.observer_bandwidth = S(50);
     s.controller.delay_ticks = S(2);
     s.controller.predict = &part::predictor<TypeParam>;
+    s.controller.correct = &part::motor_map<TypeParam>;
+    s.controller.motor_map.amplitude.setConstant(S(0.01));
+    s.controller.motor_map.per_turn.setConstant(S(14));
     s.controller.torque_limit.setConstant(S(5));
     live(s);
   }

@@ -12,6 +12,7 @@
 #include "firmware/cycle/linked.hpp"
 #include "firmware/cycle/part_elbow_rotors.hpp"
 #include "firmware/cycle/part_momentum_observer.hpp"
+#include "firmware/cycle/part_motor_map.hpp"
 #include "firmware/cycle/part_super_twisting.hpp"
 #include "tests/support/cycle_rig.hpp"
 
@@ -178,6 +179,51 @@ TEST(PartCorners, ElbowRotorsAddToWhatIsBehindThem) {
   c.mechanism.add_rotors(expected);
   EXPECT_EQ(with_rotors, expected);
   EXPECT_EQ(sliding[0], 3.0);
+}
+
+/// Motors are asked for what makes them give the law's torque, at the angle of the instant at which it acts.
+TEST(PartCorners, MotorMapAndBack) {
+  ControllerConfig<Arm> c = arm_config();
+  c.torque_lead = 2e-3;
+  c.delay_ticks = 3.0;
+  c.motor_map.factor = {0.9, 1.2};
+  c.motor_map.amplitude = {0.0, 0.3};
+  c.motor_map.per_turn = {5.0, 7.0};
+  c.motor_map.phase = {1.0, 0.4};
+  Sample<Arm> measured;
+  measured.angle = {0.5, -1.1};
+  measured.rate = {3.0, 2.0};
+  const double cogging = 0.3 * std::sin(7.0 * (-1.1 + 2.0 * (2e-3 + 3.0 * c.sample_time)) + 0.4);
+  Vec2<double> torque(1.8, -0.6);
+  part::motor_map(c, measured, MotorTorque::given_to_asked, torque);
+  EXPECT_NEAR(torque[0], 1.8 / 0.9, 1e-15);
+  EXPECT_NEAR(torque[1], (-0.6 - cogging) / 1.2, 1e-15);
+  part::motor_map(c, measured, MotorTorque::asked_to_given, torque);
+  EXPECT_NEAR(torque[0], 1.8, 1e-15);
+  EXPECT_NEAR(torque[1], -0.6, 1e-15);
+  measured.angle[1] = 1e5;  // beyond sin_cos: the limit of torques refuses it
+  part::motor_map(c, measured, MotorTorque::given_to_asked, torque);
+  EXPECT_FALSE(std::isfinite(torque[1]));
+}
+
+/// What was asked for is limited, and the memory of the parts is of what the motors then give.
+TEST(PartCorners, TheMemoryIsOfTorquesThatMotorsGive) {
+  ControllerConfig<Arm> c = arm_config();
+  c.correct = &part::motor_map<Arm>;
+  c.motor_map.factor = {0.5, 2.0};
+  c.observer = &part::momentum_observer<Arm>;
+  c.observer_bandwidth = 20.0;
+  c.torque_limit = {1e-3, 1e-3};
+  Controller<Arm> controller(c);
+  Supervisor supervisor(Supervisor::Config{});
+  Sample<Arm> measured;
+  measured.angle = {0.4, 1.1};
+  for (int n = 0; n < 2; ++n) supervisor.begin_tick(Command::enable, {true, false});
+  ASSERT_TRUE(supervisor.running());
+  const auto out = controller.tick(measured, supervisor);
+  EXPECT_TRUE(out.saturated);
+  EXPECT_LE(out.torque.cwiseAbs().maxCoeff(), 1e-3);
+  EXPECT_EQ(controller.memory().torque(0), out.torque.cwiseProduct(c.motor_map.factor));
 }
 
 TEST(PartCorners, EveryVectorThatALaterTickReadsIsShown) {

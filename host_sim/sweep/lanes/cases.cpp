@@ -84,7 +84,8 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
     out.bundle = std::make_shared<const ReferenceBundle<double>>(make_reference(scene, Pacing::lockstep));
   const ControllerConfig<M> c = make_controller<M>(scene, Pacing::lockstep, *out.bundle);
   if (c.join_ticks > 0 || c.ramp_ticks > 0 || c.sign_test_move > 0.0) return false;
-  if (c.reach != nullptr || c.observer != nullptr || c.predict != nullptr) return false;
+  if (c.reach != nullptr || c.observer != nullptr || c.predict != nullptr || c.correct != nullptr)
+    return false;
   LaneSettings& s = out.settings;
   s = {};
   s.law = c.law;
