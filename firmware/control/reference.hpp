@@ -219,16 +219,26 @@ class JoinedReference {
   [[nodiscard]] const Reference<S>& reference() const { return reference_; }
 
   /// Begins at this position and velocity (m or rad, per s) at tick 0, in the coordinates of the reference.
-  /// With hold_start the position becomes the centre.
-  void start(const Vec2<S>& position, const Vec2<S>& velocity) {
+  /// With hold_start the position becomes the centre. `rate`: of this motion's time, in (0, 1]; below 1 the
+  /// velocity, which is of real time, fades away within as much of that as at 1: over the whole of a slow
+  /// join the noise of a measured velocity would become a distance.
+  void start(const Vec2<S>& position, const Vec2<S>& velocity, S rate = S(1)) {
     if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
     if (join_ticks_ == 0) return;
     const Motion2<S> m = reference_.at(0, sample_time_);
-    Motion2<S> offset{position - m.position, velocity - m.velocity, -m.acceleration};
+    const S duration = S(join_ticks_) * sample_time_;
+    Motion2<S> offset{position - m.position, -m.velocity, -m.acceleration};
+    slow_ = rate < S(1);
+    if (slow_) {
+      const Motion2<S> moving{Vec2<S>::Zero(), velocity * (S(1) / rate), Vec2<S>::Zero()};
+      drift_ = Quintic<S>::between(moving, {}, duration * rate);
+    } else {
+      offset.velocity += velocity;
+    }
     if (reference_.space == ReferenceSpace::base_joints) {
       offset.position = Vec2<S>(wrap_to_pi(offset.position[0]), wrap_to_pi(offset.position[1]));
     }
-    join_ = Quintic<S>::between(offset, {}, S(join_ticks_) * sample_time_);
+    join_ = Quintic<S>::between(offset, {}, duration);
   }
 
   /// Motion at a tick since start(): the reference, and the rest of the offset for join_ticks.
@@ -247,18 +257,24 @@ class JoinedReference {
                                               const Ticks& ticks) const {
     Motion2<S> m = reference_.at(time, sample_time_);
     if (tick < join_ticks_) {
-      const Motion2<S> offset = join_.at(ticks() * sample_time_);
-      m.position += offset.position;
-      m.velocity += offset.velocity;
-      m.acceleration += offset.acceleration;
+      const S t = ticks() * sample_time_;
+      add(m, join_.at(t));
+      if (slow_) [[unlikely]]
+        add(m, drift_.at(t));
     }
     return m;
+  }
+  static ESMC_INLINE void add(Motion2<S>& to, const Motion2<S>& m) {
+    to.position += m.position;
+    to.velocity += m.velocity;
+    to.acceleration += m.acceleration;
   }
 
   Reference<S> reference_{};
   std::uint32_t join_ticks_ = 0;
   S sample_time_{1};
-  Quintic<S> join_{};
+  Quintic<S> join_{}, drift_{};
+  bool slow_ = false;  // drift_ is the start's velocity, join_ the rest of its offset
 };
 
 }  // namespace esmc

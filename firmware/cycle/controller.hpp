@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <numbers>
 
 #include "firmware/control/fused_law.hpp"
 #include "firmware/control/reference.hpp"
@@ -38,7 +39,7 @@ class Controller {
         stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
         setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time,
-                   config.reference.space == ReferenceSpace::base_joints, config.guide_jerk_ticks),
+                   {wraps(config, 0), wraps(config, 1)}, config.guide_jerk_ticks),
         path_rate_(config.guide_acceleration, config.sample_time),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
         uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
@@ -71,6 +72,12 @@ class Controller {
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
 
  private:
+  /// Set points of a base joint go round the shorter way, unless it has a limit: within that there is one
+  /// way.
+  static bool wraps(const ControllerConfig<M>& c, unsigned joint) {
+    const Range<S>& r = c.limits.joint_angle[joint];
+    return c.reference.space == ReferenceSpace::base_joints && r.upper - r.lower > S(2) * S(std::numbers::pi);
+  }
   /// Checks the sample of a joint; `angle`: at constant speed, when the torque of this tick acts.
   ESMC_INLINE Fault accept(int joint, const Sample<M>& measured, const Limits<S>& limits, S& angle) const {
     const S phase = measured.phase[static_cast<unsigned>(joint)];
@@ -293,7 +300,7 @@ class Controller {
     if (running_tick_ == 0) {
       const Vec2<S> position = at_effector ? t.pose.effector : M::base_angles(t.pose);
       const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
-      reference_.start(position, velocity * (S(1) / path_rate_.begin()));
+      reference_.start(position, velocity, path_rate_.begin());
       if (setpoints_.active()) setpoints_.start(position, velocity);
     }
     return desired(setpoints_.active()   ? setpoints_.at()

@@ -79,12 +79,14 @@ class SetpointGenerator {
  public:
   SetpointGenerator() = default;
   /// Limits `speed` (m/s or rad/s) and `acceleration` (m/s2 or rad/s2), > 0; `sample_time` in s, > 0.
-  /// `angles`: differences are wrapped to (-pi, pi]. `jerk_ticks`: length of the moving average.
-  SetpointGenerator(S speed, S acceleration, S sample_time, bool angles, std::uint32_t jerk_ticks)
+  /// `wraps`: differences of that coordinate are wrapped to (-pi, pi]. `jerk_ticks`: length of the moving
+  /// average.
+  SetpointGenerator(S speed, S acceleration, S sample_time, std::array<bool, 2> wraps,
+                    std::uint32_t jerk_ticks)
       : speed_(speed),
         acceleration_(acceleration),
         sample_time_(sample_time),
-        angles_(angles),
+        wraps_(wraps),
         profile_(sample_time),
         average_(jerk_ticks) {}
 
@@ -112,9 +114,13 @@ class SetpointGenerator {
     const Motion2<S> now = profile_.at(ticks_);
     plan(now, now.position - apart(now.position, target));
   }
-  /// Follows samples (m, m/s or rad, rad/s), one per tick; the first one's offset from the motion fades away.
+  /// Follows samples (m, m/s or rad, rad/s), one per tick. The offset from the motion of the first one, of
+  /// one after a gap and of one that is farther off than speed allows in a tick fades away.
   [[gnu::noinline]] void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
-    if (!following_) {
+    const Vec2<S> off = position - base_.position - base_.velocity * (S(age_) * sample_time_);
+    const S most = speed_ * sample_time_;
+    if (!following_ || age_ > 1 ||
+        !(off[0] <= most && -off[0] <= most && off[1] <= most && -off[1] <= most)) {
       const Motion2<S> now = at();
       begin(apart(now.position, position), now.velocity - velocity);
       plan(profile_.at(0), Vec2<S>::Zero());
@@ -158,7 +164,7 @@ class SetpointGenerator {
   [[nodiscard]] bool rests() const { return ticks_ >= profile_.ticks() + average_.length(); }
   [[nodiscard]] Vec2<S> apart(const Vec2<S>& a, const Vec2<S>& b) const {
     const Vec2<S> d = a - b;
-    return angles_ ? Vec2<S>(wrap_to_pi(d[0]), wrap_to_pi(d[1])) : d;
+    return {wraps_[0] ? wrap_to_pi(d[0]) : d[0], wraps_[1] ? wrap_to_pi(d[1]) : d[1]};
   }
   /// Begins a motion at this position and velocity; the profile is set for the present tick alone.
   void begin(const Vec2<S>& position, const Vec2<S>& velocity) {
@@ -178,7 +184,7 @@ class SetpointGenerator {
   }
 
   S speed_{1}, acceleration_{1}, sample_time_{1};
-  bool angles_ = false;
+  std::array<bool, 2> wraps_{};
   bool active_ = false;
   bool following_ = false;
   Motion2<S> base_{};  // the sample of a stream; else zero

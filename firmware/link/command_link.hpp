@@ -80,15 +80,16 @@ class CommandLink {
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
-  /// True if no intact frame in order came for more than `silence` ticks (0: not checked) in an armed state,
-  /// or no sample of a begun stream for more than `stream_age` ticks. A reference that may run unattended is
-  /// watched until it runs.
+  /// True if no sign of life, which is a Command in order or an obeyed set point or sample, came for more
+  /// than `silence` ticks (0: not checked) in an armed state, or no sample of a begun stream for more than
+  /// `stream_age` ticks. A reference that may run unattended is watched until it runs, and while it is held.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
-    const bool alone = config_.unattended && source_ == Source::reference && state_ >= State::running;
+    const bool alone =
+        config_.unattended && source_ == Source::reference && state_ >= State::running && !held_;
     const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
     return (armed && !alone && silence > 0 && tick_ - heard_tick_ > silence) ||
-           (streaming_ && tick_ - sample_tick_ > static_cast<std::uint32_t>(parameters_[Index::stream_age]));
+           (streaming_ && over_age(sample_age()));
   }
 
   /// Sends at most one frame of what is due, at the end of every tick, so that the link never delays another
@@ -136,11 +137,9 @@ class CommandLink {
       return message == Message::command && intact(f, any_session) ? without_session(f) : Outcome::bad_crc;
     }
     const bool in_order = ahead(m, counter_of(f));
-    if (in_order) {  // counts as a sign of life even if it is refused below
-      last_[m] = counter_of(f);
-      heard_tick_ = tick_;
-    }
+    if (in_order) last_[m] = counter_of(f);
     if (message == Message::command) {
+      if (in_order) heard_tick_ = tick_;  // even if the order is refused below
       const auto c = decode_command(f);
       if (!c) return Outcome::malformed;
       // An order that takes torque away needs no counter.
@@ -149,16 +148,21 @@ class CommandLink {
     if (!in_order) return Outcome::bad_counter;
     switch (message) {
       case Message::set_point:
-        return set_point(decode_pair(f, position_unit));
+        return alive_if_obeyed(set_point(decode_pair(f, position_unit)));
       case Message::stream_position:
         return position(f);
       case Message::stream_velocity:
-        return velocity(f);
+        return alive_if_obeyed(velocity(f));
       case Message::parameter_write:
         return write(decode_parameter_write(f));
       default:
         return answer_to(decode_request(f));
     }
+  }
+  /// Who only reads, writes or is refused is not the one who moves the mechanism.
+  Outcome alive_if_obeyed(Outcome o) {
+    if (o == Outcome::obeyed) heard_tick_ = tick_;
+    return o;
   }
   /// The alive counter has advanced by 1 to counter_jump_max.
   [[nodiscard]] bool ahead(std::uint8_t m, std::uint8_t counter) const {
@@ -211,6 +215,10 @@ class CommandLink {
       case Order::resume:
         return held_ ? pace(percent_) : Outcome::refused;
       default:
+        if (c.order == Order::stream && guided()) {
+          ended_ = false;
+          return Outcome::obeyed;
+        }
         if (!disabled) return Outcome::refused;
         source_ = c.order == Order::stream ? Source::stream : Source::reference;
         return Outcome::obeyed;
@@ -243,7 +251,7 @@ class CommandLink {
       return Outcome::obeyed;
     }
     if (!guided()) return pace(0);
-    streaming_ = half_ = false;
+    end_stream();
     request_.has_point = request_.has_sample = false;
     request_.hold = true;
     return Outcome::obeyed;
@@ -279,13 +287,23 @@ class CommandLink {
   Outcome set_point(const std::optional<Pair>& p) {
     if (!p) return Outcome::malformed;
     if (!guided() || p->space != config_.space || !within(p->value)) return Outcome::refused;
-    streaming_ = half_ = false;
+    end_stream();
     request_.hold = request_.has_sample = false;
     request_.has_point = true;
     request_.position = p->value;
     return Outcome::obeyed;
   }
 
+  /// What is left of it is refused, until no sample has come for stream_age ticks or Order::stream announces
+  /// another: an order counts also where a second computer goes on to stream.
+  void end_stream() {
+    ended_ = ended_ || streaming_;
+    streaming_ = half_ = false;
+  }
+  [[nodiscard]] std::uint64_t sample_age() const { return tick_ - sample_tick_; }
+  [[nodiscard]] bool over_age(std::uint64_t age) const {
+    return age > static_cast<std::uint32_t>(parameters_[Index::stream_age]);
+  }
   /// First half of a sample; its velocity follows with the same counter.
   Outcome position(const hal::CanFrame& f) {
     const auto p = decode_pair(f, position_unit);
@@ -302,9 +320,13 @@ class CommandLink {
     if (!v) return Outcome::malformed;
     const bool whole = half_ && half_counter_ == counter_of(f) && v->space == config_.space;
     half_ = false;
-    if (!guided() || !whole || !below(v->value, parameters_[Index::speed]) || !continuous(v->value)) {
+    if (!guided() || !whole || !below(v->value, parameters_[Index::speed])) return Outcome::refused;
+    ended_ = ended_ && !over_age(sample_age());
+    if (ended_) {
+      sample_tick_ = tick_;
       return Outcome::refused;
     }
+    if (!continuous(v->value)) return Outcome::refused;
     streaming_ = true;
     sample_tick_ = tick_;
     request_.hold = request_.has_point = false;
@@ -313,18 +335,34 @@ class CommandLink {
     request_.velocity = last_velocity_ = v->value;
     return Outcome::obeyed;
   }
-  /// Reachable from the previous sample with speed and acceleration, allowing one tick of delay.
-  [[nodiscard]] bool continuous(const std::array<float, 2>& v) const {
-    if (!streaming_) return true;  // the first one is joined
-    const float time = static_cast<float>(tick_ - sample_tick_ + 1) * parameters_[Index::sample_time];
-    return below(difference(half_position_, last_position_),
-                 parameters_[Index::speed] * time + position_unit) &&
-           below(difference(v, last_velocity_), parameters_[Index::acceleration] * time + velocity_unit);
+  /// Reachable from the previous sample with speed and acceleration in the ticks since then. Samples may come
+  /// up to `ahead_ticks_max` late and then all at once, but on the whole no faster than the limits.
+  [[nodiscard]] bool continuous(const std::array<float, 2>& v) {
+    if (!streaming_) {  // the first one is joined
+      spare_ticks_ = ahead_ticks_max;
+      return true;
+    }
+    const float h = parameters_[Index::sample_time];
+    const auto moved = difference(half_position_, last_position_), faster = difference(v, last_velocity_);
+    float needed = 0.0F;  // ticks
+    for (unsigned i = 0; i < 2; ++i) {
+      needed =
+          larger(needed, (larger(moved[i], -moved[i]) - position_unit) / (parameters_[Index::speed] * h));
+      needed = larger(
+          needed, (larger(faster[i], -faster[i]) - velocity_unit) / (parameters_[Index::acceleration] * h));
+    }
+    const float left = static_cast<float>(sample_age()) + spare_ticks_ - needed;
+    if (!(left >= 0.0F)) return false;
+    spare_ticks_ = left < ahead_ticks_max ? left : ahead_ticks_max;
+    return true;
   }
+  static float larger(float a, float b) { return a > b ? a : b; }
 
   Outcome write(const std::optional<ParameterWrite>& w) {
     if (!w) return Outcome::malformed;
-    const Answer a = parameters_.write(w->index, w->value, state_ == State::disabled && !storing());
+    const Answer a = parameters_.write(
+        w->index, w->value,
+        state_ == State::disabled && !storing() && request_.command != Command::enable);  // armed as seen
     queue_answer(w->index, a);
     if (a != Answer::ok) return Outcome::refused;
     request_.has_gains = table_due_ = counters_due_ = true;
@@ -378,7 +416,7 @@ class CommandLink {
   void change_state(State now) {
     if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
     if (now != State::running) {
-      streaming_ = half_ = false;
+      streaming_ = half_ = ended_ = false;
       if (held_) request_.has_rate = true, request_.percent = percent_;
       held_ = false;
     }
@@ -487,11 +525,14 @@ class CommandLink {
   State state_ = State::disabled, sent_state_ = State::disabled;
   Fault sent_fault_ = Fault::none;
   bool streaming_ = false;      // the last motion request was a sample
+  bool ended_ = false;          // the last stream, by an order; its samples may still come
   bool half_ = false;           // a position waits for its velocity
   bool held_ = false;           // the reference, on its path
   std::uint8_t percent_ = 100;  // of its speed, when it is not held
   std::uint8_t half_counter_ = 0;
   std::array<float, 2> half_position_{}, last_position_{}, last_velocity_{};
+  static constexpr float ahead_ticks_max = 10.0F;
+  float spare_ticks_ = 0.0F;            // that the samples of a stream have taken less than passed
   static constexpr unsigned kinds = 7;  // of offer()
   unsigned turn_ = 0;                   // the kind that is offered first
   bool answered_ = false;               // the last frame was one

@@ -22,7 +22,7 @@ enum class Index : std::uint8_t {
   speed = 8,            ///< m/s or rad/s, of set points
   acceleration = 9,     ///< m/s2 or rad/s2
   stream_age = 10,      ///< ticks without a sample after which a stream is lost
-  silence = 11,         ///< ticks without any frame after which the supervisor computer is lost; 0: any
+  silence = 11,         ///< ticks without a sign of life after which the supervisor computer is lost; 0: any
 };
 inline constexpr std::uint8_t parameter_count = static_cast<std::uint8_t>(Index::silence) + 1;
 inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these can be written

@@ -345,7 +345,10 @@ void correct_offsets(toml::table& into, const Scene& scene, const Unknowns& valu
   section("drives").insert_or_assign("offset", number_array(drives));
   if (!(five_bar && scene.all_sensors && !scene.all_motors)) return;
   for (std::size_t i = 0; i < 2; ++i) sensors.push_back(offset(2 + i) + correction(2 * i + 1));
-  section("sensors").insert_or_assign("offset", number_array(sensors));
+  toml::table& encoders = section("sensors");
+  if (!encoders.contains("nodes"))  // a scene without a bus may leave them out, one with offsets may not
+    encoders.insert("nodes", toml::array{scene.drives.nodes[2], scene.drives.nodes[3]});
+  encoders.insert_or_assign("offset", number_array(sensors));
 }
 
 /// `p` with the lengths of a calibration, without these rotors.

@@ -154,13 +154,16 @@ class Search {
     }
     last_ = std::move(now);
     latest_ = std::move(s);
-    // Two coarse passes that agree have shown that small errors do not grow; two fine ones have not, and two
-    // that are the same, for the tick is shorter than the steps that they want, nothing at all.
-    if (met && r.tolerance > 0.0 &&
-        (last_->effort.events.total() > 0 || deviation_.all == 0.0 ||
-         (scene_.closed_loop() && asked_ < 1e-6)))
-      refuse_if_ill_posed();
+    if (met && doubtful(r)) refuse_if_ill_posed();
     return met;
+  }
+  /// Two coarse passes that agree have shown that small errors do not grow; two fine ones have not, two that
+  /// are the same, for the tick is shorter than the steps that they want, nothing at all, nor have two after
+  /// one, from another start, that was far off.
+  [[nodiscard]] bool doubtful(const Resolution& r) const {
+    if (std::isfinite(before_) && before_ > 100.0 * asked_) return true;
+    return r.tolerance > 0.0 && (last_->effort.events.total() > 0 || deviation_.all == 0.0 ||
+                                 (scene_.closed_loop() && asked_ < 1e-6));
   }
   [[nodiscard]] bool trajectory() const { return scene_.accuracy_of == AccuracyOf::trajectory; }
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }

@@ -31,14 +31,12 @@ class SimRun {
         recorder_(scene, Pacing::lockstep, log, scene.closed_loop()),
         motion_(make_motion<World>(scene)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
-        progress_(options.capture == nullptr) {
-    if (options.capture != nullptr) recorder_.log().keep(&options.capture->log);
-  }
+        progress_(options.capture == nullptr) {}
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
-  /// Appends the effector's position at every tick of a closed loop.
+  /// Sets `path` to the effector's positions, at every tick of a closed loop.
   void keep_path(std::vector<V2>* path) { path_ = path; }
-  /// Appends torques and saturation of every tick of a closed loop.
+  /// Sets torques and saturation of `trace`, at every tick of a closed loop.
   void keep_torques(Trace* trace) { torques_ = trace; }
   void use_single_precision() { single_precision_ = true; }
   /// Appends q at every `stride`th tick and at the end.
@@ -46,7 +44,7 @@ class SimRun {
     pass_ = pass;
     stride_ = stride;
   }
-  /// A pass that is only compared needs no statistics.
+  /// A pass that is only compared keeps nothing of the run.
   void without_record() { recording_ = false; }
   /// A run among many shows no progress of its own.
   void without_progress() { progress_ = false; }
@@ -54,6 +52,7 @@ class SimRun {
   RunEnd run(int substeps) {
     const auto begin = std::chrono::steady_clock::now();
     RunEnd end;
+    begin_record();
     if (scene_.closed_loop()) {
       if (single_precision_) {
         closed_loop<typename World::SinglePrecision>(substeps, end);
@@ -72,6 +71,20 @@ class SimRun {
   }
 
  private:
+  /// What is kept is of the last recorded pass alone.
+  void begin_record() {
+    if (!recording_) {
+      path_ = nullptr;
+      torques_ = nullptr;
+      return;
+    }
+    if (options_.capture != nullptr) recorder_.log().keep(&options_.capture->log);
+    if (path_ != nullptr) path_->clear();
+    if (torques_ == nullptr) return;
+    torques_->torque.clear();
+    torques_->saturated.clear();
+  }
+
   void record(std::uint32_t n, const Joints& torque, bool clipped, const ControllerView<M>& seen) {
     if (recording_) recorder_.tick(n, motion_, torque, clipped, seen);
     if (pass_ == nullptr || n % stride_ != 0) return;

@@ -109,6 +109,7 @@ class OperatorPage final : public Client {
     if (n <= answered_ || n > number_) throw Malformed();
     answered_ = n;
     const auto sent = sent_[n % sent_.size()];
+    there_ = std::max(there_, sent);
     if (api_.word_ != this || PageApi::Clock::now() - sent > api_.absence_) return;
     api_.life_ = std::max(api_.life_, sent);
     api_.life_taken_ = api_.absent_ = false;
@@ -124,6 +125,9 @@ class OperatorPage final : public Client {
       throw Malformed();
     }
     if (api_.word_ != this) throw InputError("", "not_now: another page has the word; take it over first");
+    // Behind a tunnel that was stalled a click may come when its operator has long gone.
+    if (PageApi::Clock::now() - there_ > api_.absence_)
+      throw InputError("", "not_now: this page answers too late for orders; its stop works");
     if (api_.stop_ != PageApi::Stop::none) return;  // given before its operator has seen the stop
     if (api_.orders_.size() >= orders_max) throw InputError("", "not_now: orders are waiting already");
     if (jog) api_.jog_ = ++api_.jogs_;
@@ -133,6 +137,7 @@ class OperatorPage final : public Client {
   PageApi& api_;
   std::uint64_t row_, event_, number_ = 0, answered_ = 0;
   std::array<PageApi::Clock::time_point, unanswered_max> sent_{};  ///< when, by number
+  PageApi::Clock::time_point there_{};  ///< when the newest message that it has answered was sent
   bool greeted_ = false;
   PageApi::Clock::time_point second_{};
   int messages_ = 0;

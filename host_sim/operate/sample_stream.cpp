@@ -72,19 +72,39 @@ double SampleStream::gain(const std::array<double, 2>& position, std::size_t axi
 }
 
 bool SampleStream::begin(const std::array<double, 2>& position) {
+  if (!link_.obeyed(link::Order::stream)) return false;
   const auto give_up = Connection::Clock::now() + std::chrono::seconds(20);
   while (!link_.status().streaming && running() && !link_.stopped()) {
     if (Connection::Clock::now() > give_up) return false;
     step([&](double) { return SpaceMotion{position, {}}; });
   }
-  return link_.status().streaming;
+  begun_ = link_.status().streaming;
+  return begun_;
+}
+
+double SampleStream::controller_share(Connection::Clock::time_point now) {
+  constexpr double window = 0.5,
+                   real = 0.9;  // s; a share above this one is how Status came, not a slow clock
+  const std::uint64_t ticks = link_.news().ticks;
+  if (ticks == heard_ticks_) return share_;  // seen where they change, which is when they came
+  heard_ticks_ = ticks;
+  const double wall = Seconds(now - counted_from_).count();
+  if (counted_ && ticks > *counted_ && wall < window) return share_;
+  if (counted_ && ticks > *counted_) {
+    const double share = static_cast<double>(ticks - *counted_) *
+                         static_cast<double>(link_.parameter(link::Index::sample_time)) / wall;
+    share_ = share > real ? 1.0 : share;
+  }
+  counted_ = ticks;
+  counted_from_ = now;
+  return share_;
 }
 
 void SampleStream::step(const std::function<SpaceMotion(double passed)>& next) {
   const auto due = last_ + std::chrono::duration_cast<Connection::Clock::duration>(Seconds(period_));
   for (auto now = Connection::Clock::now(); now < due; now = Connection::Clock::now()) link_.pump(due - now);
   const auto now = Connection::Clock::now();
-  const double passed = Seconds(now - last_).count();
+  const double passed = Seconds(now - last_).count() * controller_share(now);
   last_ = now;
   const SpaceMotion own = next(passed);
   given_ = own.position;
@@ -104,10 +124,10 @@ void SampleStream::step(const std::function<SpaceMotion(double passed)>& next) {
 void SampleStream::end() {
   // Of a sample and an order to hold in one tick the order counts, and would brake from the sample before.
   const std::uint32_t heard = link_.news().statuses;
-  while (link_.status().streaming && running() && link_.news().statuses < heard + 3)
+  while (running() && link_.news().statuses < heard + 3)
     step([&](double) { return SpaceMotion{given_, {}}; });
   // A stream that only stops is lost. Without waiting for an answer: the next sample would be due.
-  while (link_.status().streaming && running()) {
+  while (running()) {
     link_.send(link_.client().order(link::Order::hold));
     const auto next =
         Connection::Clock::now() + std::chrono::duration_cast<Connection::Clock::duration>(Seconds(period_));

@@ -40,16 +40,25 @@ class SampleStream {
   void step(const std::function<SpaceMotion(double passed)>& next);
   /// At rest: some more samples, and the order to hold, until the stream has ended.
   void end();
-  /// The controller follows samples, or would.
-  [[nodiscard]] bool running() const { return link_.status().state == State::running; }
+  /// The controller follows samples, or would: the stream has not begun. An order of another console ends it.
+  [[nodiscard]] bool running() const {
+    return link_.status().state == State::running && (!begun_ || link_.status().streaming);
+  }
 
  private:
+  /// Share of the wall's time that passes for the controller: less than 1 in an emulator.
+  double controller_share(Connection::Clock::time_point now);
+
   Connection& link_;
   link::Space space_, own_;
   const Scene* scene_;
   double speed_, acceleration_, period_;
   std::array<double, 2> given_{}, sent_{};  // position of the last sample, in `own` and `space`
-  bool any_ = false;
+  bool any_ = false, begun_ = false;
+  std::uint64_t heard_ticks_ = 0;
+  std::optional<std::uint64_t> counted_;  // ticks of the controller at counted_from_
+  Connection::Clock::time_point counted_from_;
+  double share_ = 1.0;
   Connection::Clock::time_point last_;
 };
 

@@ -117,7 +117,8 @@ template <class T>
 Json leg_case(const LegParams<T>& p) {
   return {{"l1", p.l1}, {"l2", p.l2}, {"lg1", p.lg1},       {"lg2", p.lg2},
           {"m1", p.m1}, {"m2", p.m2}, {"J1", p.J1},         {"J2", p.J2},
-          {"c1", p.d1}, {"c2", p.d2}, {"gamma1", p.gamma1}, {"gamma2", p.gamma2}};
+          {"c1", p.d1}, {"c2", p.d2}, {"gamma1", p.gamma1}, {"gamma2", p.gamma2},
+          {"rotor2", p.rotor2}, {"asymmetry1", p.asymmetry1}, {"asymmetry2", p.asymmetry2}};
 }
 
 /// Adds effector and its velocity to a state that gives joints.
@@ -171,13 +172,18 @@ std::string model_case(const Scene& scene, const std::string& text) {
   } catch (const Json::exception&) {
     refuse("state: a table of numbers and lists of numbers is needed");
   }
+  Scene exact = scene;  // the mechanism with the friction of the effects
+  exact.model = {};
+  exact.model.exact_friction = true;
+  exact.believed.reset();
+  const FiveBarParams<double> mechanism = believed_mechanism(exact);
   Json params;
   if (five_bar) {
-    params = {{"l0", scene.mechanism.l0}, {"m0", scene.mechanism.m0}, {"g", scene.mechanism.g}};
-    params["legs"] = {leg_case(scene.mechanism.legs[0]), leg_case(scene.mechanism.legs[1])};
+    params = {{"l0", mechanism.l0}, {"m0", mechanism.m0}, {"g", mechanism.g}};
+    params["legs"] = {leg_case(mechanism.legs[0]), leg_case(mechanism.legs[1])};
   } else {
-    params = leg_case(scene.mechanism.legs[0]);
-    params["g"] = scene.mechanism.g;
+    params = leg_case(mechanism.legs[0]);
+    params["g"] = mechanism.g;
   }
   const Json mode = {{"sigma", {scene.working_mode[0], scene.working_mode[1]}},
                      {"assembly", scene.assembly_mode}};

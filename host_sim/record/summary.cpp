@@ -138,7 +138,7 @@ Json make_summary(const Scene& scene, const Statistics& s, const RunEnd& end) {
   }
   if (end.late_ticks) j["late_ticks"] = *end.late_ticks;
   if (end.interrupted) j["interrupted"] = true;
-  j["verdict"] = verdict_of(j, s.path_size());
+  j["verdict"] = verdict_of(j, s.path_size(), scene.mechanism.legs[0].l1 + scene.mechanism.legs[0].l2);
   return j;
 }
 

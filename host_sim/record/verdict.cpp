@@ -48,12 +48,15 @@ std::string followed(const Json& tracking, bool controlled, bool fault) {
                      fault ? "until the fault, " : "", settling_time, 1e3 * settled.get<double>());
 }
 
-std::vector<std::string> concerns(const Json& s, double path, bool fault) {
+std::vector<std::string> concerns(const Json& s, double path, double leg, bool fault) {
   std::vector<std::string> out;
   const Json &u = s["torque"], &bus = s["bus"], &t = s["tracking"];
-  if (controlled(s) && !fault && path > 0.0 && t.is_object() && t["settled_max_m"].is_number() &&
-      !(t["settled_max_m"].get<double>() <= error_share * path)) {
-    out.push_back(fmt::format("the error is above {:.0f} % of the path", 100.0 * error_share));
+  const bool rests = path <= rest_share * leg;
+  const double most = rests ? rest_error_share * leg : error_share * path;
+  if (controlled(s) && !fault && t.is_object() && t["settled_max_m"].is_number() &&
+      !(t["settled_max_m"].get<double>() <= most)) {
+    out.push_back(rests ? fmt::format("the error is above {:g} % of a leg's length", 100.0 * rest_error_share)
+                        : fmt::format("the error is above {:.0f} % of the path", 100.0 * error_share));
   }
   const double change = u["mean_abs_delta_nm"].get<double>(), largest = u["max_nm"].get<double>();
   if (controlled(s) && change > chatter_share * largest) {
@@ -86,12 +89,12 @@ std::vector<std::string> concerns(const Json& s, double path, bool fault) {
 
 }  // namespace
 
-Json verdict_of(const Json& s, double path) {
+Json verdict_of(const Json& s, double path, double leg) {
   const Json &supervisor = s["supervisor"], &faults = supervisor["faults"];
   const bool fault = !faults.empty();
   std::vector<std::string> reasons;
   for (const Json& f : faults) reasons.push_back(fault_text(f, supervisor));
-  for (std::string& one : concerns(s, path, fault)) reasons.push_back(std::move(one));
+  for (std::string& one : concerns(s, path, leg, fault)) reasons.push_back(std::move(one));
   const bool ok = reasons.empty();
   reasons.push_back(followed(s["tracking"], controlled(s), fault));
   if (!fault) reasons.emplace_back("no fault");

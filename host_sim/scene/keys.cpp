@@ -210,7 +210,7 @@ constexpr std::array planar{
     Key{"command.acceleration", "number", "", "m/s2 or rad/s2", 0, big, true, "", "of each coordinate, likewise", into<&CommandScene::acceleration>},
     Key{"command.jerk_time", "number", "-", "s", 0, 10, false, "", "moving average over set points, at most 64 ticks: the acceleration changes by at most 2 acceleration / jerk_time per second; 0: at once; default 0.02, or 64 ticks where that is shorter"},
     Key{"command.stream_age_ticks", "integer", "5", "ticks", 1, 10000, false, "", "without a sample; one more is the fault command_lost", into<&CommandScene::stream_age_ticks>},
-    Key{"command.timeout", "number", "-", "s", 0, 3600, false, "", "without any frame while armed, then the fault command_lost; 0: not watched; default 1 with arm = \"link\", else 0"},
+    Key{"command.timeout", "number", "-", "s", 0, 3600, false, "", "without a sign of life (a Command, or obeyed set points or samples) while armed, then the fault command_lost; 0: not watched; default 1 with arm = \"link\", else 0"},
     Key{"command.order_age", "number", "0.5", "s", 0, 30, true, "", "how old the Status may be that an order answers", into<&CommandScene::order_age>},
     Key{"command.counter_jump", "integer", "2", "", 1, 14, false, "", "alive counter: largest step; 1: no frame may be lost", into<&CommandScene::counter_jump>},
     Key{"command.status_ticks", "integer", "10", "ticks", 1, 100000, false, "", "between two Status", into<&CommandScene::status_ticks>},

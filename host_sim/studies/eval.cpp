@@ -91,9 +91,11 @@ Json list(const Eigen::MatrixBase<Derived>& m) {
 
 template <class S>
 LegParams<S> read_leg(const Node& n) {
-  return {n.number<S>("l1"), n.number<S>("l2"), n.number<S>("lg1"),    n.number<S>("lg2"),
-          n.number<S>("m1"), n.number<S>("m2"), n.number<S>("J1"),     n.number<S>("J2"),
-          n.number<S>("c1"), n.number<S>("c2"), n.number<S>("gamma1"), n.number<S>("gamma2")};
+  const auto or_0 = [&](const char* key) { return n.has(key) ? n.number<S>(key) : S(0); };
+  return {n.number<S>("l1"),   n.number<S>("l2"),   n.number<S>("lg1"),    n.number<S>("lg2"),
+          n.number<S>("m1"),   n.number<S>("m2"),   n.number<S>("J1"),     n.number<S>("J2"),
+          n.number<S>("c1"),   n.number<S>("c2"),   n.number<S>("gamma1"), n.number<S>("gamma2"),
+          or_0("asymmetry1"), or_0("asymmetry2"), or_0("rotor2")};
 }
 
 inline Reaching read_switch(const Node& n) {
@@ -169,6 +171,13 @@ inline void require_consistent(const Node& n, const FiveBarParams<double>& m, co
   }
 }
 
+/// M v' + f + g with the rotors at the elbows.
+template <class M>
+typename M::Channels forces(const M& m, typename M::Channels acceleration, const typename M::Rates& r) {
+  m.add_rotors(acceleration);
+  return m.force(acceleration, r);
+}
+
 /// Forward dynamics in base joints (`base_form`) or chain coordinates, whichever are better conditioned.
 template <class M, class S = typename M::Scalar>
 typename M::Channels accelerations(const M& m, const typename M::Pose& p, const typename M::Rates& r,
@@ -176,12 +185,12 @@ typename M::Channels accelerations(const M& m, const typename M::Pose& p, const 
   using Channels = typename M::Channels;
   if (base_form) {
     const Channels c = m.channel_accelerations(p, r, m.base_accelerations(p, r, Vec2<S>::Zero()));
-    const Vec2<S> h = m.base_torque(p, m.force(c, r));
+    const Vec2<S> h = m.base_torque(p, forces<M>(m, c, r));
     const Vec2<S> a = solve_spd<S>(mass_matrix(m, matrix_C_base(m, p)), force_base - h);
     return m.channel_accelerations(p, r, m.base_accelerations(p, r, a));
   }
   const Mat<S, M::channels, 2> C = matrix_C(m, p);
-  const Vec2<S> h = gather<M>(C, m.force(bias(m, p, r), r));
+  const Vec2<S> h = gather<M>(C, forces<M>(m, bias(m, p, r), r));
   const Vec2<S> a = solve_spd<S>(mass_matrix(m, C), force_chain - h);
   return m.channel_accelerations(p, r, m.chain_accelerations(p, r, a));
 }
@@ -201,7 +210,7 @@ Json model_block(const M& m, const typename M::Pose& p, const typename M::Rates&
           {"g", list(g)},
           {"f", list(m.force(Channels::Zero(), r) - g)},
           {"H", list(mass_matrix(m, C))},
-          {"h", list(gather<M>(C, m.force(c, r)))},
+          {"h", list(gather<M>(C, forces<M>(m, c, r)))},
           {"bias", list(c)}};
 }
 
@@ -254,7 +263,7 @@ Json evaluate_rr(const Node& n) {
   }
   if (n.has("inverse")) {
     const Vec2<S> a = n.at("inverse").vector<S, 2>("thetadd");
-    const Vec2<S> tau = m.base_torque(p, m.force(m.channel_accelerations(p, rate, a), rate));
+    const Vec2<S> tau = m.base_torque(p, forces<M>(m, m.channel_accelerations(p, rate, a), rate));
     out["inverse"] = {{"tau", list(tau)}};
   }
   if (n.has("esmc")) {
@@ -265,7 +274,7 @@ Json evaluate_rr(const Node& n) {
     const Demand<M> d = demand(LawKind::esmc, m, gain, read_switch(e), t);
     Json block = law_block(m, t, gain, read_switch(e), leg_coordinates(m.arm(), p.arm, theta),
                            leg_coordinates(m.arm(), t.desired_pose.arm, theta_d), d);
-    const Vec2<S> u = m.base_torque(p, m.force(d.acceleration, rate));
+    const Vec2<S> u = m.base_torque(p, forces<M>(m, d.acceleration, rate));
     block["u"] = list(u);
     block["v_projected"] = list(accelerations<M>(m, p, rate, u, u, false));
     out["esmc"] = std::move(block);
@@ -388,7 +397,7 @@ class FiveBarCase {
       acceleration = m_.chain_accelerations(p_, r_, in.vector<S, 2>("xdd"));
     }
     const auto pdot = m_.channel_accelerations(p_, r_, acceleration);
-    const auto w = m_.force(pdot, r_);
+    const auto w = forces<M>(m_, pdot, r_);
     Json out{{"pdot", list(pdot)},
              {"F", list(m_.platform_force(p_, w))},
              {"tau2", list(m_.base_torque(p_, w))},
@@ -414,7 +423,7 @@ class FiveBarCase {
                                   : M::angles(*desired);
     Json block =
         law_block(m_, t, gain, reaching, coordinates(m_, p_, theta_), coordinates(m_, *desired, theta_d), d);
-    const auto w = m_.force(d.acceleration, r_);
+    const auto w = forces<M>(m_, d.acceleration, r_);
     const Vec2<S> F = m_.platform_force(p_, w), base = m_.base_torque(p_, w);
     block["F"] = list(F);
     block["tau2"] = list(base);
@@ -434,7 +443,7 @@ class FiveBarCase {
       own.independent.layer = gain.layer[i];
       v[i] = demand(LawKind::smc, m_, own, reaching, t).acceleration[i];
     }
-    const auto w = m_.force(independent_acceleration(m_, t, v), r_);
+    const auto w = forces<M>(m_, independent_acceleration(m_, t, v), r_);
     return {{"v", list(v)}, {"F", list(m_.platform_force(p_, w))}, {"tau2", list(m_.base_torque(p_, w))}};
   }
 

@@ -246,7 +246,7 @@ constexpr Option options[] = {{"super_twisting", super_twisting},
 /// The generator of set points by itself, in motion, with the longest filter: a new set point, and a tick.
 [[gnu::noinline]] void report_set_points(Text& out, std::uint32_t states, const Timer& timer) {
   static SetpointGenerator<S> g;
-  g = SetpointGenerator<S>(S(0.5F), S(5), S(1e-3F), true, 64);
+  g = SetpointGenerator<S>(S(0.5F), S(5), S(1e-3F), {true, true}, 64);
   g.activate(true);
   g.start(Vec2<S>::Zero(), Vec2<S>::Zero());
   Counts fresh, tick;

@@ -193,6 +193,11 @@ def closed_loop(bench):
     if before and after:
         b, a = before["tracking"]["settled_max_m"], after["tracking"]["settled_max_m"]
         expect(b > 12e-3 and a < 0.2e-3, f"closed loop: {b} m before, {a} m after")
+    # A log of a scene that names no encoders on a bus is written with those that it has.
+    unnamed, _ = bench.record("unnamed", "sim", bare)
+    bench.good(unnamed, "--half-base", 0.0505, "--write", bench.folder / "unnamed.toml")
+    sensors = tomllib.loads((bench.folder / "unnamed.toml").read_text(encoding="utf-8"))["sensors"]
+    expect(len(sensors["offset"]) == 2 and sensors["nodes"] == [3, 4], f"passive encoders: {sensors}")
     # What was written is what was printed, and a scene that stands by itself.
     run = bench.run("check", calibrated)
     expect(run.returncode == 0, f"the calibrated scene: {run.stderr}")

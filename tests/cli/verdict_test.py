@@ -205,6 +205,9 @@ class Verdicts(unittest.TestCase):
         slow = 'effects=[{type="drive_dropout", drive=2, from=0.3, to=0.5}]'
         for command, values, word, first in (("sim", [], "OK", "after the first 0.25 s, the effector stayed within "),
                                              ("sim", ["control.gain=0"], "CHECK", "the error is above 5 % of the path"),
+                                             ("sim", ['reference={type="hold",position=[0.0,0.2],join=0.2}', "initial.position=[0.0,0.2]"], "OK", "after the first 0.25 s"),
+                                             ("sim", ['reference={type="hold",position=[0.0,0.2]}', "initial.position=[0.0,0.2]", "control.law=pd", "control.kp=3", "control.kd=1"],
+                                              "CHECK", "the error is above 0.5 % of a leg's length"),
                                              ("hil", ["bus.bitrate=250000"], "CHECK", "bus load 2"),
                                              ("hil", [slow], "FAULT", "stale_feedback at t = 0.302 s: theta21, node 2, 3 ticks without a sample, limit 2")):
             out = self.tmp / "out"

@@ -170,6 +170,40 @@ class Studies(unittest.TestCase):
         arm = esmc.model(esmc.Scene.load(ARM), {"theta": [0.4, 1.2]})["model"]
         np.testing.assert_allclose(arm["A"] @ arm["C"], 0, atol=1e-12)
 
+    def test_model_is_the_plant(self):
+        """A step of the plant from a moving state, and H v' = C^T F - h of the model: rotors at elbows, gravity, friction of the effects."""
+        step = 1e-6
+        for path, joints, rates, rotors in ((CIRCLE, [0.9, 1.1], [0.7, -0.4], [1e-4, 5e-4, 2e-4, 3e-4]), (ARM, [0.4, 1.2], [0.3, -1.0], [0.02, 0.01])):
+            scene = short(path).set("mechanism.rotor_inertia", rotors).set("initial", {"joints": joints, "joint_rates": rates})
+            scene.set("effects", [{"type": "viscous_friction", "coefficient": [0.03, 0.02]}, {"type": "coulomb_friction", "torque": [0.02, 0.01], "regularised": 1e-6}])
+            scene.set("control.rate_hz", 10000.0).set("simulation.step", step)
+            torque, m = np.array([0.05, -0.02]), esmc.model(scene, {"theta": joints, "thetad": rates})["model"]
+            self.assertGreater(np.abs(m["f"]).max(), 1e-3)
+            plant = esmc.Plant(scene)
+            plant.step(torque)
+            moved = (np.array(plant.qd) - np.array(esmc.Plant(scene).qd)) / 1e-4
+            if path == ARM:
+                np.testing.assert_allclose(moved, np.linalg.solve(m["H"], torque - m["h"]), rtol=2e-2, atol=0.05)
+                continue
+            # The five-bar's independent coordinates are the effector's: the plant's base rates by two poses
+            def at(q):
+                s = esmc.model(scene, {"theta": q, "thetad": [0.0, 0.0]})["state"]
+                return np.array([float(s["x"]), float(s["y"])])
+            jacobian = np.array([(at(np.array(joints) + step * e) - at(np.array(joints) - step * e)) / (2 * step) for e in np.eye(2)]).T
+            force = np.linalg.solve(jacobian.T, torque)
+            acceleration = np.linalg.solve(m["H"], force - m["h"])
+            speed = lambda q, w: np.array([(at(np.array(q) + step * np.array(w)) - at(np.array(q) - step * np.array(w))) / (2 * step)]).ravel()
+            got = (speed(np.array(plant.angle)[[0, 2]], np.array(plant.rate)[[0, 2]]) - speed(joints, rates)) / 1e-4
+            np.testing.assert_allclose(got, acceleration, rtol=3e-2, atol=0.1)
+
+    def test_log_of_a_run_to_an_accuracy(self):
+        """Of the pass that counts, however many were made."""
+        for path, of, asked in ((CIRCLE, "trajectory", 1e-3), (CIRCLE, "end", 1e-3), (CIRCLE, "end", 1e-9), (ARM, "end", 1e-4)):
+            scene = short(path).set("simulation.accuracy", asked).set("simulation.accuracy_of", of)
+            run = esmc.run(scene)
+            self.assertEqual(len(run.log["x"]), run.summary["ticks"])
+            self.assertAlmostEqual(float(run.log["theta11" if path == CIRCLE else "theta1"][-1]), run.summary["final_state"]["q"][0], delta=0.02)
+
     def test_rollouts_are_single_runs_on_any_number_of_threads(self):
         scene = short(CIRCLE)
         values = np.linspace(20.0, 60.0, 13)

@@ -29,7 +29,7 @@ class Episode {
     length_ = static_cast<unsigned>(uniform(0, 1) < 0.2 ? 0.0 : uniform(1.0, 64.99));
     angles_ = uniform(0, 1) < 0.3;
     range_ = angles_ ? 3.1 : std::exp(uniform(-4.0, 0.5));
-    generator_ = SetpointGenerator<S>(S(speed_), S(acceleration_), S(tick_), angles_, length_);
+    generator_ = SetpointGenerator<S>(S(speed_), S(acceleration_), S(tick_), {angles_, angles_}, length_);
     generator_.activate(true);
     target_ = point();
     generator_.start(target_, Vec2<S>::Zero());

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -97,7 +98,8 @@ TEST(Link, SpeedOfASampleIsLimited) {
   EXPECT_EQ(b.outcomes[1], Outcome::obeyed);
 }
 
-/// At 1 m/s and 10 m/s2, 1 ms apart: 1 mm and 0.01 m/s, twice that for the time on the way.
+/// At 1 m/s and 10 m/s2, 1 ms apart: 1 mm and 0.01 m/s, and as much of ten ticks that a sample may have
+/// waited.
 TEST(Link, SamplesDoNotJump) {
   const auto second = [](int x, int y, int vx, int vy, int gap = 0) {
     LinkBench b;
@@ -107,14 +109,34 @@ TEST(Link, SamplesDoNotJump) {
     b.tick(b.sample(x, y, vx, vy));
     return b.outcomes[1];
   };
-  EXPECT_EQ(second(1'900, 170'000, 1'900, 0), Outcome::obeyed);
-  EXPECT_EQ(second(2'100, 170'000, 0, 0), Outcome::refused);
-  EXPECT_EQ(second(-2'100, 170'000, 0, 0), Outcome::refused);
-  EXPECT_EQ(second(0, 172'100, 0, 0), Outcome::refused);
-  EXPECT_EQ(second(0, 167'900, 0, 0), Outcome::refused);
-  EXPECT_EQ(second(0, 170'000, 2'100, 0), Outcome::refused);
-  EXPECT_EQ(second(0, 170'000, 0, -2'100), Outcome::refused);
-  EXPECT_EQ(second(2'900, 170'000, 2'900, 0, 1), Outcome::obeyed) << "after a lost one";
+  EXPECT_EQ(second(10'900, 170'000, 10'900, 0), Outcome::obeyed);
+  EXPECT_EQ(second(11'100, 170'000, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(-11'100, 170'000, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 181'100, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 158'900, 0, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 170'000, 11'100, 0), Outcome::refused);
+  EXPECT_EQ(second(0, 170'000, 0, -11'100), Outcome::refused);
+  EXPECT_EQ(second(11'900, 170'000, 11'900, 0, 1), Outcome::obeyed) << "after a lost one";
+}
+
+/// However many come in a tick, and whatever comes late: on the whole no faster than the limits.
+TEST(Link, SamplesAreNoFasterThanTheLimitsOnTheWhole) {
+  for (const int each : {1, 2, 4, 8}) {
+    LinkBench b;
+    b.run();
+    b.tick(b.sample(-290'000, 170'000, 0, 0));
+    int sent = -290'000, obeyed = sent, tick = 0;
+    for (; tick < 60; ++tick) {
+      for (int k = 0; k < each; ++k) {
+        const auto frames = b.sample(sent += 990, 170'000, 0, 0);
+        for (const auto& f : frames) (void)b.link.receive(f);
+      }
+      const Request r = b.tick();
+      if (r.has_sample) obeyed = static_cast<int>(std::lround(1e6F * r.position[0]));
+      EXPECT_LE(obeyed + 290'000, 1'000 * (tick + 1 + 10) + 100) << each;
+    }
+    EXPECT_EQ(b.supervisor.fault(), each == 1 ? Fault::none : Fault::command_lost) << each;
+  }
 }
 
 TEST(Link, AStreamThatDiesIsAFault) {
@@ -140,6 +162,24 @@ TEST(Link, AStreamEndsWithASetPointOrHold) {
     EXPECT_EQ(r.has_point, !hold);
     for (int i = 0; i < 20; ++i) b.tick();
     EXPECT_EQ(b.supervisor.state(), State::running);
+  }
+  // What another computer goes on to stream is void, until it pauses or announces a new stream.
+  for (const int end : {0, 1, 2}) {
+    LinkBench b;
+    b.run();
+    b.tick(b.sample(0, 170'000, 0, 0));
+    b.tick({end == 1 ? b.desk.pair(Desk::point, 0, 170'000) : b.desk.order(Desk::hold)});
+    for (int i = 0; i < 20; ++i) {
+      EXPECT_FALSE(b.tick(b.sample(0, 170'000, 0, 0)).has_sample);
+      EXPECT_EQ(b.outcomes[1], Outcome::refused);
+    }
+    if (end == 2) {
+      EXPECT_EQ(b.one(b.desk.order(Desk::stream)), Outcome::obeyed);
+    } else {
+      for (int i = 0; i < 4; ++i) b.tick();
+    }
+    EXPECT_TRUE(b.tick(b.sample(0, 170'000, 0, 0)).has_sample);
+    EXPECT_EQ(b.supervisor.fault(), Fault::none);
   }
   // The last one of a tick counts.
   LinkBench b;
@@ -242,6 +282,54 @@ TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
   EXPECT_EQ(b.supervisor.state(), State::running);
   b.tick({last});
   EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
+}
+
+/// Who only looks on does not keep the motion of a dead one alive.
+TEST(Link, OnlyOrdersAndObeyedMotionAreSignsOfLife) {
+  LinkConfig c = link_config();
+  c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});
+  for (const int kind : {0, 1, 2, 3, 4, 5}) {
+    LinkBench b(c);
+    b.run();
+    for (int i = 0; i < 40; ++i) {
+      Desk& d = b.desk;
+      if (kind == 0) b.tick({d.order(Desk::none)});
+      if (kind == 1) b.tick({d.pair(Desk::point, 0, 170'000)});
+      if (kind == 2) b.tick(b.sample(0, 170'000, 0, 0));
+      if (kind == 3) b.tick({d.ask(2)});
+      if (kind == 4) b.tick({d.set_gain(0, 30.0F)});
+      if (kind == 5) b.tick({d.pair(Desk::point, 0, 999'000)});
+    }
+    EXPECT_EQ(b.supervisor.fault(), kind < 3 ? Fault::none : Fault::command_lost) << kind;
+  }
+}
+
+TEST(Link, AHeldReferenceIsWatchedEvenUnattended) {
+  LinkConfig c = link_config();
+  c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});
+  c.unattended = c.has_path = true;
+  LinkBench b(c);
+  b.run(Desk::reference);
+  for (int i = 0; i < 50; ++i) b.tick();
+  EXPECT_EQ(b.supervisor.fault(), Fault::none);
+  b.tick({b.desk.order(Desk::none)});
+  ASSERT_EQ(b.one(b.desk.order(Desk::hold)), Outcome::obeyed);
+  for (int i = 0; i < 10; ++i) b.tick();
+  EXPECT_EQ(b.supervisor.fault(), Fault::none);
+  b.tick();
+  EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
+}
+
+/// What is armed is the table whose checksum the order bears.
+TEST(Link, NothingIsWrittenBetweenArmAndItsTick) {
+  LinkBench b;
+  b.listen();
+  const auto armed = b.desk.order(Desk::arm), written = b.desk.set_gain(0, 30.0F);
+  const float before = b.link.parameters().at(0);
+  b.tick({armed, written});
+  EXPECT_EQ(b.outcomes[0], Outcome::obeyed);
+  EXPECT_EQ(b.outcomes[1], Outcome::refused);
+  EXPECT_EQ(b.link.parameters().at(0), before);
 }
 
 TEST(Link, RecordedFramesOfAnotherEpisodeMoveNothing) {

@@ -297,12 +297,33 @@ TEST(PathRate, BeginsAtTheWantedRateWithoutAJump) {
     EXPECT_NEAR(begun, share, 1e-6);
     const V velocity(0.05, -0.02);
     JoinedReference<double> joined(circle(0.05, 8.0), 500, h);
-    joined.start(V(0.2, -0.2), velocity / begun);
+    joined.start(V(0.2, -0.2), velocity, begun);
     const auto m = rate.active() ? rate.step(joined, 0, 0, [](const Motion2<double>&) { return true; })
                                  : joined.at(std::uint64_t{0});
     EXPECT_LT((m.position - V(0.2, -0.2)).norm(), 1e-15);
     EXPECT_LT((m.velocity - velocity).norm(), 1e-12);
   }
+}
+
+/// The noise of a measured velocity stays a velocity: the way of a slow join is that of a fast one.
+TEST(PathRate, ASlowJoinDoesNotTurnNoiseIntoDistance) {
+  double beside[2] = {};
+  for (const unsigned percent : {100U, 5U}) {
+    PathRate<double> rate(100.0, h);
+    rate.want(percent);
+    const double begun = rate.begin();
+    Reference<double> rest;
+    rest.kind = ReferenceKind::hold_start;
+    JoinedReference<double> joined(rest, 1000, h);
+    joined.start(V(0.2, 0.1), V(0.05, -0.02), begun);
+    for (std::uint64_t n = 0; n < 25'000; ++n) {
+      const auto m =
+          rate.active() ? rate.step(joined, n, 0, [](const Motion2<double>&) { return true; }) : joined.at(n);
+      beside[percent == 5] = std::max(beside[percent == 5], (m.position - V(0.2, 0.1)).norm());
+    }
+  }
+  EXPECT_GT(beside[0], 5e-3);
+  EXPECT_LT(beside[1], 1.5 * beside[0]);
 }
 
 /// However slow: it gets there.

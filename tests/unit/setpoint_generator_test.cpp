@@ -55,14 +55,14 @@ Seen watch(SetpointGenerator<double>& g, int ticks, const Each& each) {
 /// Already active, without a filter unless told.
 SetpointGenerator<double> generator(double speed, double acceleration, bool angles = false,
                                     unsigned jerk = 0) {
-  SetpointGenerator<double> g(speed, acceleration, h, angles, jerk);
+  SetpointGenerator<double> g(speed, acceleration, h, {angles, angles}, jerk);
   g.activate(true);
   return g;
 }
 
 TEST(SetpointGenerator, StartsToRestWhereItIs) {
   for (const unsigned jerk : {0U, 1U, 2U, 40U, 64U, 1000U}) {
-    SetpointGenerator<double> g(1.0, 10.0, h, false, jerk);
+    SetpointGenerator<double> g(1.0, 10.0, h, {false, false}, jerk);
     EXPECT_FALSE(g.active());
     g.activate(true);
     g.start(V(0.1, 0.2), V(0, 0));
@@ -82,6 +82,43 @@ TEST(SetpointGenerator, StartsToRestWhereItIs) {
     EXPECT_LE(r.told_speed, 0.8 * (1 + 1e-12));
     EXPECT_LE(r.lie, 10.0 * h);
     EXPECT_EQ(g.at().velocity, V(0, 0));
+  }
+}
+
+/// Samples that come late, all at once or after a gap, far from where the motion went on: it goes there with
+/// speed and acceleration, and never jumps.
+TEST(SetpointGenerator, ALateSampleIsJoined) {
+  for (const int gap : {1, 2, 60}) {
+    for (const unsigned jerk : {0U, 20U}) {
+      auto g = generator(0.5, 5.0, false, jerk);
+      g.start(V(0, 0), V(0, 0));
+      g.follow(V(0, 0), V(0.3, 0));
+      V before = g.at().position;
+      double most = 0.0;
+      for (int n = 1; n < 900; ++n) {
+        g.advance();
+        if (n < 300 || n == 300 + gap) g.follow(V(3e-4 * n - (n > 300 ? 0.05 : 0.0), 0), V(0.3, 0));
+        if (n > 300 + gap) g.follow(V(3e-4 * n - 0.05, 0), V(0.3, 0));
+        const V now = g.at().position;
+        most = std::max(most, (now - before).norm() / h);
+        before = now;
+      }
+      EXPECT_LT(most, 0.3 + 0.6) << gap << ' ' << jerk;
+      EXPECT_NEAR(before[0], 3e-4 * 899 - 0.05, 1e-9);
+    }
+  }
+}
+
+/// Of an angle with a limit there is one way, of one without the shorter.
+TEST(SetpointGenerator, AnAngleWithALimitDoesNotGoRound) {
+  for (const bool limited : {false, true}) {
+    SetpointGenerator<double> g(1.0, 10.0, h, {!limited, true}, 0);
+    g.activate(true);
+    g.start(V(2.9, 2.9), V(0, 0));
+    g.go_to(V(-2.9, -2.9));
+    const Seen s = watch(g, 8000, [](int) {});
+    EXPECT_NEAR(s.end[0], limited ? -2.9 : 2 * std::numbers::pi - 2.9, 1e-12);
+    EXPECT_NEAR(s.end[1], 2 * std::numbers::pi - 2.9, 1e-12);
   }
 }
 
@@ -225,7 +262,7 @@ TEST(SetpointGenerator, ASetPointInEveryTickIsFollowed) {
 }
 
 TEST(SetpointGenerator, CountsNothingWhileTheReferenceLeads) {
-  SetpointGenerator<double> g(1.0, 10.0, h, false, 10);
+  SetpointGenerator<double> g(1.0, 10.0, h, {false, false}, 10);
   g.start(V(0, 0), V(0.5, 0));
   const auto before = g.at();
   g.advance();
@@ -308,9 +345,12 @@ TEST(SetpointGenerator, GoesStraightOnWhereSamplesAreMissing) {
   EXPECT_NEAR(m.position[1], -2 * h * 0.2, 1e-15);
   EXPECT_EQ(m.acceleration, V(0, 0));
   g.follow(V(2e-3, 0), V(0.4, 0));
-  EXPECT_EQ(g.at().acceleration, V(0, 0)) << "two ticks apart: no rate of change";
-  g.follow(V(2e-3, 0), V(0.5, 0));
-  EXPECT_EQ(g.at().acceleration, V(0, 0)) << "two in a tick";
+  const auto joined = g.at();  // two ticks apart: no rate of change, and no jump
+  EXPECT_LT((joined.position - m.position).norm(), 1e-15);
+  EXPECT_LT((joined.velocity - m.velocity).norm(), 1e-15);
+  EXPECT_LE(joined.acceleration.cwiseAbs().maxCoeff(), 20.0);
+  g.follow(V(2e-3, 0), V(0.4, 0));
+  EXPECT_EQ(g.at().acceleration, joined.acceleration) << "two in a tick";
 }
 
 }  // namespace
