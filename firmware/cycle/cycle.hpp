@@ -428,7 +428,10 @@ class Cycle {
   /// A tick of homing. Once both joints press on their stops, the mechanism stands in its zero pose.
   [[gnu::cold, gnu::noinline]] TickResult<M> home() {
     TickResult<M> result = controller_.home(sample_, supervisor_, homing_);
-    if (result.state == State::enabling) homing_start_ = sample_.angle;
+    if (result.state == State::enabling) {
+      homing_start_ = sample_.angle;
+      zero_.forget();  // what ends homing early must not look like its end
+    }
     if (result.state != State::testing || !result.stage_done) return result;
     if (closes(homing_start_ + zero_.pose() - sample_.angle)) {
       confirm_zero();

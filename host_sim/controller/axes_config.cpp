@@ -8,6 +8,7 @@
 
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/error.hpp"
 
 namespace esmc::host {
 

@@ -142,7 +142,8 @@ void read_homing(Section& s, Scene& scene) {
   for (std::size_t i = 0; i < 2; ++i) {
     if (std::abs((*speed)[i]) < 1e-3 || std::abs((*speed)[i]) > scene.limits.joint_speed)
       s.fail("homing_speed", "must be at least 0.001 rad/s and at most limits.joint_speed, either way");
-    if ((*torque)[i] > scene.torque_limit[i]) s.fail("homing_torque", "must be at most control.torque_limit");
+    if (i < scene.torque_limit.size() && (*torque)[i] > scene.torque_limit[i])
+      s.fail("homing_torque", "must be at most control.torque_limit");
   }
   d.homing_speed = *speed;
   d.homing_torque = *torque;
