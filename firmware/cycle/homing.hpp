@@ -28,7 +28,7 @@ template <class S>
 class Homing {
  public:
   Homing() = default;
-  /// `sample_time`: s, > 0; `halt_ticks`: within four times as many a brake must have ended.
+  /// `sample_time`: s, > 0; `halt_ticks`: within four times as many, or 40, a brake must have ended.
   Homing(const HomingConfig<S>& config, S sample_time, std::uint32_t halt_ticks)
       : config_(config), sample_time_(sample_time), halt_ticks_(halt_ticks) {}
 
@@ -61,8 +61,13 @@ class Homing {
   Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     resting_ = within(rate[0], slow(0)) && within(rate[1], slow(1));
-    if (!resting_ && ++brake_ticks_ / 4 >= halt_ticks_) return Fault::halt_failed;
-    for (int j = 0; j < 2; ++j) torque[j] = drive(j, S(0), rate[j]);
+    if (!resting_ && ++brake_ticks_ > std::max<std::uint32_t>(4 * halt_ticks_, 40)) return Fault::halt_failed;
+    const S stronger = S(0.05) / config_.share;  // a fifth of what would stop the model in a tick
+    for (int j = 0; j < 2; ++j) {
+      const S against = -config_.damping[j] * rate[j];
+      integral_[j] = clamped(integral_[j] + config_.share * against, j);
+      torque[j] = clamped(integral_[j] + stronger * against, j);
+    }
     return Fault::none;
   }
 
@@ -81,7 +86,7 @@ class Homing {
   /// Torque towards a wanted speed. A joint that stands gets the whole torque within 1 / share ticks.
   S drive(int j, S wanted, S rate) {
     const S error = wanted - rate;
-    const bool stands = wanted != S(0) && within(rate, slow(j));
+    const bool stands = within(rate, slow(j));
     const S more = !stands         ? config_.damping[j] * error
                    : wanted < S(0) ? -config_.torque[j]
                                    : config_.torque[j];

@@ -301,7 +301,7 @@ if (shot) {
     const b = await bench(), page = await open(browser, b.url), own = folder(), line = path.join(own, "line.toml"), ticks = path.join(own, "ticks");
     await state(page, "off");
     assert.ok(await page.isHidden("[data-do=home]") && await page.isDisabled("[data-file=run] button"));
-    fs.writeFileSync(line, fs.readFileSync(scene, "utf8").replace(/\[reference\][^[]*\n\[initial\]/, '[reference]\ntype = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 2.0\n\n[initial]'));
+    fs.writeFileSync(line, fs.readFileSync(scene, "utf8").replace(/\[reference\][\s\S]*?\n\[initial\]/, '[reference]\ntype = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 2.0\n\n[initial]'));
     await page.click("[data-do=arm]");
     await state(page, "running");
     const run = async (file) => { await page.fill("[data-file=run] input", file); await page.click("[data-file=run] button"); };
