@@ -10,6 +10,7 @@
 #include "firmware/control/reference.hpp"
 #include "firmware/cycle/controller_config.hpp"
 #include "firmware/cycle/estimate.hpp"
+#include "firmware/cycle/homing.hpp"
 #include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/parts.hpp"
 #include "firmware/cycle/path_rate.hpp"
@@ -70,6 +71,9 @@ class Controller {
   /// -> limits. A fault is raised at the supervisor; all torques of the tick are then zero, unless the
   /// reaction is a halt, which begins in the same tick.
   TickResult<M> tick(const Sample<M>& measured, Supervisor& supervisor);
+  /// One tick of homing in place of tick(), while supervisor.homing(). The pose is not known, so neither the
+  /// law nor the guards of a pose act: samples, speed, travel and torque are bounded.
+  [[gnu::cold]] TickResult<M> home(const Sample<M>& measured, Supervisor& supervisor, Homing<S>& homing);
 
  private:
   /// Set points of a base joint go round the shorter way, unless it has a limit: within that there is one
@@ -470,6 +474,40 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     stop_trajectory_.advance();
     setpoints_.advance();
   } else {
+    out.torque.setZero();
+    out.stage_done = false;
+  }
+  return out;
+}
+
+template <class M>
+TickResult<M> Controller<M>::home(const Sample<M>& measured, Supervisor& supervisor, Homing<S>& homing) {
+  TickResult<M> out;
+  Fault fault = Fault::none;
+  Vec<S, M::joints> angle;
+  for (int i = 0, n = config_.sensor_count(); i < n && fault == Fault::none; ++i) {
+    const int joint = Config::joint_of(i, n);
+    fault = accept(joint, measured, config_.limits, angle[joint]);
+  }
+  if (!supervisor.powered()) {
+    homing.reset();
+    if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
+  } else if (fault != Fault::none) {
+    supervisor.raise(fault);
+  } else {
+    const bool brakes = supervisor.state() == State::halting;
+    Vec2<S> torque = Vec2<S>::Zero();
+    fault = brakes ? homing.brake(at_base(measured.rate), torque)
+                   : homing.step(at_base(angle), at_base(measured.rate), torque);
+    to_base_motors(torque, out);
+    const Fault limited = limit(out);
+    supervisor.raise(fault != Fault::none ? fault : limited);
+    out.stage_done = brakes ? homing.at_rest() : homing.done();
+  }
+  jump_check_.keep(measured, M::joints / config_.sensor_count());
+  out.state = supervisor.state();
+  out.fault = supervisor.fault();
+  if (!supervisor.powered()) {
     out.torque.setZero();
     out.stage_done = false;
   }

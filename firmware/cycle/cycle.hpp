@@ -55,6 +55,7 @@ class Cycle {
     bool samples_timed = true;  ///< false: in lockstep the waiting time of a frame has no meaning
     link::LinkConfig link{};    ///< to a supervisor computer; without a base_id: none
     S delay_ticks{};            ///< as in the layers of controller.gains; for gains that come by the link
+    HomingConfig<S> homing{};   ///< to zero_pose, where the base joints are on their end stops
   };
 
   /// Starts in `disabled`. Nothing in `config` is checked.
@@ -71,15 +72,20 @@ class Cycle {
         samples_timed_(config.samples_timed),
         link_(config.link),
         delay_ticks_(config.delay_ticks),
+        homing_(config.homing, config.controller.sample_time, config.controller.halt_ticks),
         motors_(places(config.controller.motor_count())),
         sensors_(places(config.controller.sensor_count())),
         limits_fit_all_shafts_(motors_that_can_carry(config.controller.torque_limit) == motors_.count),
         drives_confirmed_(config.confirmed) {
     silent_ticks_.fill(drive::age_max);
+    link_.offer_homing(homing_.available());
+    link_.zero_unknown(!zero_.confirmed());
   }
 
   /// Stores a command for the next tick in place of an earlier one; only a stop replaces a halt or a stop.
+  /// Without homing in the configuration `home` has no effect.
   void command(Command c) {
+    if (c == Command::home && !homing_.available()) return;
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
   /// State of the normally closed contact `enable`, as often as it is read; closed until the first call. One
@@ -187,7 +193,10 @@ class Cycle {
     const TickResult<M> result = decide(answer);
     transmit(bus, result, answer);
     if (link_.active()) send_telemetry(bus, result);
-    if (!supervisor_.powered()) status_ = status();  // transitions out of torque do not depend on it
+    if (!supervisor_.powered()) {  // transitions out of torque do not depend on it
+      status_ = status();
+      link_.zero_unknown(!zero_.confirmed());
+    }
     opened_ = false;
     return result;
   }
@@ -308,9 +317,10 @@ class Cycle {
     if (!powered) {
       torque_feedback_.forget();
       // Some drives send samples only after their set-up: enabling may proceed until they do.
-      return !zero_.confirmed() && sensed() ? Fault::zero_not_confirmed : Fault::none;
+      return !zero_.confirmed() && !supervisor_.homing() && sensed() ? Fault::zero_not_confirmed
+                                                                     : Fault::none;
     }
-    return zero_.confirmed() ? Fault::none : Fault::zero_not_confirmed;
+    return zero_.confirmed() || supervisor_.homing() ? Fault::none : Fault::zero_not_confirmed;
   }
 
   /// Of a passive encoder only samples count.
@@ -344,7 +354,11 @@ class Cycle {
   /// behind a gear. A shaft that can carry the limit can carry every torque below it.
   void check_shafts(TickResult<M>& result) {
     if (limits_fit_all_shafts_ || motors_that_can_carry(result.torque) == motors_.count) return;
-    supervisor_.raise(Fault::torque_not_finite);
+    raise(Fault::torque_not_finite, result);
+  }
+  /// Raises a fault that takes the torque away, after the controller's tick.
+  void raise(Fault f, TickResult<M>& result) {
+    supervisor_.raise(f);
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
     result.torque.setZero();
@@ -409,6 +423,34 @@ class Cycle {
     for (int i = 0; i < sensors_.count; ++i)
       numbers = numbers && finite(sample_.angle[i * sensors_.joint_step]);
     if (numbers) zero_.confirm(sample_.angle);
+  }
+
+  /// A tick of homing. Once both joints press on their stops, the mechanism stands in its zero pose.
+  [[gnu::cold, gnu::noinline]] TickResult<M> home() {
+    TickResult<M> result = controller_.home(sample_, supervisor_, homing_);
+    if (result.state == State::enabling) {
+      homing_start_ = sample_.angle;
+      zero_.forget();  // what ends homing early must not look like its end
+    }
+    if (result.state != State::testing || !result.stage_done) return result;
+    if (closes(homing_start_ + zero_.pose() - sample_.angle)) {
+      confirm_zero();
+    } else {
+      raise(Fault::loop_not_closed, result);
+    }
+    return result;
+  }
+  /// The mechanism can be closed at these angles; encoders on all joints show the assembly mode as well.
+  [[nodiscard]] bool closes(const Vec<S, M::joints>& angle) const {
+    const auto& c = controller_.config();
+    if constexpr (M::joints == 4) {
+      if (c.sensors == Sensors::all) {
+        const auto e = estimate_from_all(c.mechanism, angle, Vec<S, M::joints>::Zero().eval());
+        return e.closure <= c.limits.closure;
+      }
+    }
+    const Vec2<S> base(angle[0], angle[M::joints / 2]);
+    return estimate_from_base(c.mechanism, c.mode, base, Vec2<S>::Zero().eval()).has_value();
   }
 
   template <hal::CanBus Bus>
@@ -476,6 +518,8 @@ class Cycle {
   bool samples_timed_;
   link::CommandLink link_;
   S delay_ticks_;
+  Homing<S> homing_;
+  Vec<S, M::joints> homing_start_ = Vec<S, M::joints>::Zero();  // rad, with the shift of that time
   Places motors_, sensors_;
   bool limits_fit_all_shafts_;  // every shaft can carry the torque limit of its joint
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};
@@ -519,7 +563,7 @@ TickResult<M> Cycle<M, D>::decide(bool answer) {
   if (enabling && enabling_expired(passed)) supervisor_.raise(Fault::enabling_timeout);
   if (!enabling && wait_.waits) wait_ = {};
   if (std::exchange(late_, false)) supervisor_.raise(Fault::tick_late);
-  TickResult<M> result = controller_.tick(sample_, supervisor_);
+  TickResult<M> result = supervisor_.homing() ? home() : controller_.tick(sample_, supervisor_);
   check_shafts(result);
   stage_done_ = result.stage_done;
   output_ok_ = allowed(result);

@@ -101,6 +101,7 @@ class ZeroPose {
   [[nodiscard]] bool confirmed() const { return absolute_ || confirmed_; }  ///< angles are valid
   /// Shift of a joint, rad, to be added to the angle of its encoder; 0 before the first confirm().
   [[nodiscard]] S shift(int joint) const { return shift_[joint]; }
+  [[nodiscard]] const Vec<S, M::joints>& pose() const { return pose_; }  ///< rad, of the joints at confirm()
   /// Sets the shifts: the mechanism stands in its zero pose. `angle`: of the encoders, rad, with the present
   /// shift; the caller checks that it is finite and fresh. No effect with absolute encoders.
   void confirm(const Vec<S, M::joints>& angle) {

@@ -68,11 +68,12 @@ enum class Order : std::uint8_t {
   stream = 8,        ///< set points and samples: from the next start on
   store = 9,         ///< keep the present gains for later power-ups
   forget = 10,       ///< return to the baked gains, now and for later power-ups
+  home = 11,         ///< Command::home
   override = 19,     ///< the reference at CommandFrame::percent of its speed, along its path
   resume = 20,       ///< after hold: the reference at the last percentage
 };
 /// True if the value has a meaning.
-[[nodiscard]] constexpr bool is_order(std::uint8_t v) { return v <= 10 || v == 19 || v == 20; }
+[[nodiscard]] constexpr bool is_order(std::uint8_t v) { return v <= 11 || v == 19 || v == 20; }
 
 /// Source of the reference.
 enum class Source : std::uint8_t { hold = 0, reference = 1, stream = 2 };
@@ -202,6 +203,7 @@ struct Status {
   std::uint32_t tick = 0;  ///< 24 bits are sent
   std::uint8_t session = 1;
   Pace pace = Pace::full;
+  bool zero_unknown = false;  ///< encoders that lose their zero without power, and it is not confirmed
 };
 /// Status with its checksum; the low four bits of `counter` are sent.
 [[nodiscard]] constexpr hal::CanFrame encode_status(std::uint32_t base, const Status& s,
@@ -209,9 +211,9 @@ struct Status {
   hal::CanFrame f = detail::frame(base, Message::status);
   f.data[1] = static_cast<std::uint8_t>((counter & 0x0FU) | (static_cast<unsigned>(s.state) << 4U));
   f.data[2] = static_cast<std::uint8_t>(s.fault);
-  f.data[3] =
-      static_cast<std::uint8_t>(static_cast<unsigned>(s.reaction) | (static_cast<unsigned>(s.source) << 2U) |
-                                (s.streaming ? 0x10U : 0U) | (static_cast<unsigned>(s.pace) << 6U));
+  f.data[3] = static_cast<std::uint8_t>(
+      static_cast<unsigned>(s.reaction) | (static_cast<unsigned>(s.source) << 2U) |
+      (s.streaming ? 0x10U : 0U) | (s.zero_unknown ? 0x20U : 0U) | (static_cast<unsigned>(s.pace) << 6U));
   put_field(f, 4, s.tick, 3);
   f.data[7] = s.session;
   f.data[0] = checksum(f, s.session);

@@ -77,6 +77,8 @@ class CommandLink {
   void capture_into(std::span<CaptureRecord> memory) { capture_ = Capture(memory); }
   /// Lateness of the coming tick for its record, us.
   void late_by(std::uint32_t us) { lateness_us_ = us; }
+  void offer_homing(bool offered) { homes_ = offered; }         ///< whether the order `home` can be obeyed
+  void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< for Status
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
@@ -194,8 +196,10 @@ class CommandLink {
     const bool disabled = state_ == State::disabled;
     switch (c.order) {
       case Order::arm:
+      case Order::home:
         if (!disabled || storing() || !known_table(c)) return Outcome::refused;
-        request_.command = Command::enable;
+        if (c.order == Order::home && !homes_) return Outcome::refused;
+        request_.command = c.order == Order::home ? Command::home : Command::enable;
         return Outcome::obeyed;
       case Order::store:
         return known_table(c) ? keep(StoreRequest::store) : Outcome::refused;
@@ -445,8 +449,8 @@ class CommandLink {
                             : s.state() == State::fault ? Reacted::zero_torque
                                                         : Reacted::halt;
     const Pace pace = held_ ? Pace::held : percent_ < 100 ? Pace::reduced : Pace::full;
-    return {s.state(), s.fault(), reacted, source_, streaming_, static_cast<std::uint32_t>(tick_),
-            session_,  pace};
+    return {s.state(), s.fault(), reacted,      source_, streaming_, static_cast<std::uint32_t>(tick_),
+            session_,  pace,      zero_unknown_};
   }
   // Each offers the bus a frame if one is due, and returns whether it was.
   template <class Send, class Frame>
@@ -522,6 +526,7 @@ class CommandLink {
   std::uint8_t session_ = 1;
   std::uint8_t counter_ = 0;  // of Status
   Source source_ = Source::reference;
+  bool homes_ = false, zero_unknown_ = false;
   State state_ = State::disabled, sent_state_ = State::disabled;
   Fault sent_fault_ = Fault::none;
   bool streaming_ = false;      // the last motion request was a sample

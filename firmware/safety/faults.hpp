@@ -34,7 +34,7 @@ enum class [[nodiscard]] Fault : std::uint8_t{
     joint_speed = 21,            ///< a base joint turns faster than allowed
     joint_angle = 22,            ///< a base joint left its range
     reference_unreachable = 23,  ///< the reference lies outside the workspace
-    sign_test = 24,              ///< a motor did not answer a small torque as the model predicts
+    sign_test = 24,              ///< a motor did not answer a small torque: sign test, homing
     join_infeasible = 25,        ///< joining the reference would exceed the limits of speed or torque
     command_lost = 26,           ///< no frames of the supervisor computer, or of its stream
     halt_failed = 27,            ///< the mechanism did not come to rest under control
@@ -42,9 +42,10 @@ enum class [[nodiscard]] Fault : std::uint8_t{
     tick_late = 29,              ///< two ticks in a row began more than half a period late
     enabling_timeout = 30,       ///< a drive is silent, or did not confirm torque control in time
     drives_not_confirmed = 31,   ///< settings that cannot be read back were not checked by hand
+    home_no_stop = 32,           ///< homing: a joint met no end stop within its travel, or left it again
 };
 
-inline constexpr int fault_count = static_cast<int>(Fault::drives_not_confirmed) + 1;
+inline constexpr int fault_count = static_cast<int>(Fault::home_no_stop) + 1;
 
 /// In the order of the values of Fault.
 inline constexpr std::array<const char*, fault_count> fault_names{"none",
@@ -78,7 +79,8 @@ inline constexpr std::array<const char*, fault_count> fault_names{"none",
                                                                   "torque_not_finite",
                                                                   "tick_late",
                                                                   "enabling_timeout",
-                                                                  "drives_not_confirmed"};
+                                                                  "drives_not_confirmed",
+                                                                  "home_no_stop"};
 static_assert(fault_names.back() != nullptr);
 
 /// Name of an enumerator from the table of its enumeration; "unknown" beyond the table.
@@ -104,6 +106,7 @@ enum class Reaction : std::uint8_t {
     case Fault::command_lost:
     case Fault::tick_late:
     case Fault::join_infeasible:
+    case Fault::home_no_stop:
       return Reaction::halt;
     default:
       return Reaction::zero_torque;

@@ -3,6 +3,8 @@
 ///
 ///   disabled --enable--> enabling --every axis ready--> running --stop--> stopping --all idle--> disabled
 ///       with a sign test: enabling --every axis ready--> testing --passed--> running
+///   disabled --home--> enabling --every axis ready--> testing --on both end stops--> stopping
+///       in testing a halt, or a fault with Reaction::halt, leads to halting --at rest--> off
 ///   running --halt, or a fault with Reaction::halt--> halting --at rest--> holding, lowering or off
 ///   every state but disabled --any other fault--> fault --reset--> disabled
 ///   enabling --time-out--> fault (enabling_timeout); stopping --time-out--> disabled
@@ -22,7 +24,7 @@ namespace esmc {
 enum class State : std::uint8_t {
   disabled = 0,
   enabling = 1,
-  testing = 2,  ///< each motor in turn gets a small torque and must answer as the model predicts
+  testing = 2,  ///< each motor in turn gets a small torque: the sign test, or homing
   running = 3,
   halting = 4,   ///< the law brings the mechanism to rest where it is
   holding = 5,   ///< at rest, under the law, until the operator ends it
@@ -44,7 +46,8 @@ enum class Command : std::uint8_t {
   stop,          ///< zero torque, drives to idle
   halt,          ///< to rest under control first, where the configuration allows it
   confirm_zero,  ///< the mechanism stands in its zero pose; obeyed while disabled
-  reset          ///< from fault to disabled; ends holding too
+  reset,         ///< from fault to disabled; ends holding too
+  home           ///< from disabled to enabling, for homing; no effect in any other state
 };
 
 /// Behaviour after a mechanism has been brought to rest.
@@ -85,6 +88,8 @@ class Supervisor {
   }
   /// True in the states in which there may be torque: testing, running, halting, holding, lowering.
   [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
+  /// True from the order to home until `disabled` or `fault`: the zero, and so the pose, is not known.
+  [[nodiscard]] bool homing() const { return homing_ && state_ != State::disabled && state_ != State::fault; }
   static constexpr std::uint16_t count_max = 0xFFFF;
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
@@ -95,19 +100,23 @@ class Supervisor {
     ++tick_;
     switch (state_) {
       case State::disabled:
-        if (command == Command::enable) await(State::enabling);
+        if (command != Command::enable && command != Command::home) break;
+        homing_ = command == Command::home;
+        await(State::enabling);
         break;
       case State::enabling:
         if (command == Command::stop || command == Command::halt) {
           await(State::stopping);
         } else if (drives.all_ready && (passed <= 1 || waited_ticks_ + passed < config_.enabling_ticks_max)) {
-          state_ = config_.sign_test ? State::testing : State::running;
+          state_ = config_.sign_test || homing_ ? State::testing : State::running;
         } else if ((waited_ticks_ += passed) >= config_.enabling_ticks_max) {
           raise(Fault::enabling_timeout);
         }
         break;
       case State::testing:
-        if (command == Command::stop || command == Command::halt) {
+        if (command == Command::halt && homing_ && config_.can_halt) {
+          state_ = State::halting;
+        } else if (command == Command::stop || command == Command::halt || (stage_done && homing_)) {
           await(State::stopping);
         } else if (stage_done) {
           state_ = State::running;
@@ -154,11 +163,12 @@ class Supervisor {
   [[gnu::always_inline]] inline void raise(Fault f) {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);
-    const bool halt = config_.can_halt && (running() || retreating()) && reaction(f) == Reaction::halt;
+    const bool moves = running() || (homing_ && state_ == State::testing);
+    const bool halt = config_.can_halt && (moves || retreating()) && reaction(f) == Reaction::halt;
     if (fault_ == Fault::none) fault_ = f;
     if (!halt) {
       state_ = State::fault;
-    } else if (running()) {
+    } else if (moves) {
       state_ = State::halting;
     }
   }
@@ -174,6 +184,7 @@ class Supervisor {
     c.last_tick = tick_;
   }
   void rest() {
+    if (homing_) return leave();  // the law needs a pose to hold it or to let the weight down
     switch (config_.after_halt) {
       case AfterHalt::release:
         leave();
@@ -197,6 +208,7 @@ class Supervisor {
   Fault fault_ = Fault::none;
   std::uint32_t tick_ = 0;  // since power-up, modulo 2^32
   std::uint32_t waited_ticks_ = 0;
+  bool homing_ = false;  // the last order was to home
   std::array<Count, static_cast<unsigned>(fault_count)> counts_{};
 };
 

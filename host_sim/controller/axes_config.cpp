@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <numbers>
 #include <random>
 
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/error.hpp"
 
 namespace esmc::host {
 
@@ -82,6 +84,54 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   return c;
 }
 
+/// Of the base joints; none without its keys.
+template <class S>
+HomingConfig<S> make_homing(const Scene& scene) {
+  HomingConfig<S> h;
+  if (scene.drives.homing_speed.empty()) return h;
+  const FiveBarParams<double> believed = believed_mechanism(scene);
+  const bool arm = scene.type == MechanismType::rr;
+  const double bandwidth = std::min(40.0, 0.1 * scene.rate_hz);  // 1/s, below that of drives and delay
+  double travel = 2.0 * std::numbers::pi;
+  if (const auto& range = scene.limits.joint_angle)  // the stops may lie a little outside
+    travel = 1.1 * std::max((*range)[0][1] - (*range)[0][0], (*range)[1][1] - (*range)[1][0]);
+  for (int i = 0; i < 2; ++i) {
+    const auto u = static_cast<std::size_t>(i);
+    const LegParams<double>& leg = believed.legs[arm ? 0 : u];
+    const double outer = leg.J2 + leg.m2 * leg.lg2 * leg.lg2,
+                 inner = leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1;
+    h.speed[i] = static_cast<S>(scene.drives.homing_speed[u]);
+    h.torque[i] = static_cast<S>(scene.drives.homing_torque[u]);
+    h.damping[i] = static_cast<S>(bandwidth * (arm && i == 1 ? outer : inner));
+  }
+  h.travel = static_cast<S>(travel);
+  h.share = static_cast<S>(0.25 * bandwidth * scene.tick());
+  return h;
+}
+/// Homing ends in the zero pose, and arming begins there.
+template <class C>
+void require_homing_pose(const Scene& scene, const typename C::Config& c) {
+  using M = typename C::Mechanism;
+  using S = typename C::S;
+  if (scene.drives.homing_speed.empty()) return;
+  const ControllerConfig<M>& k = c.controller;
+  const Vec2<S> base(c.zero_pose[0], c.zero_pose[M::joints / 2]);
+  const auto e = estimate_from_base(k.mechanism, k.mode, base, Vec2<S>::Zero().eval());
+  bool fits = e && M::in_working_mode(e->pose, k.mode) && k.limits.joint_angle[0].contains(base[0]) &&
+              k.limits.joint_angle[1].contains(base[1]) &&
+              M::min_abs_sin_type1(e->pose) >= k.limits.min_abs_sin_type1 &&
+              M::sin_type2_in_mode(e->pose, k.mode) >= k.limits.min_abs_sin_type2;
+  if constexpr (M::joints == 4) {
+    if (k.sensors == Sensors::all)
+      fits = fits && estimate_from_all(k.mechanism, c.zero_pose, Vec<S, 4>::Zero().eval()).closure <=
+                         k.limits.closure;
+  }
+  if (!fits)
+    throw InputError(scene.drives.where,
+                     "'zero_pose': the controller could not be armed on these end stops; they must close the "
+                     "mechanism in its modes, within limits.joint_angle and away from singularities");
+}
+
 constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end
 
 constexpr double two_beats = 0.02;  // s; a working drive is never silent for longer
@@ -111,9 +161,9 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   c.torque_mismatch = static_cast<S>(scene.drives.torque_mismatch);
   c.torque_time = static_cast<S>(scene.drives.torque_time);
   c.samples_timed = pacing == Pacing::realtime;
-  // Emulated drives know their angle, whatever the scene's real ones do.
+  // Emulated drives know their angle, whatever the scene's real ones do; with homing they do not.
   c.confirmed = !scene.hardware || scene.drives.confirmed.value_or(false);
-  c.zero_absolute = scene.drives.zero == Zero::absolute || !scene.hardware;
+  c.zero_absolute = scene.drives.zero == Zero::absolute || !(scene.hardware || scene.homes());
   for (int i = 0, n = c.controller.sensor_count(); i < n; ++i) {
     const int joint = ControllerConfig<typename C::Mechanism>::joint_of(i, n);
     const auto at = static_cast<std::size_t>(i);
@@ -121,6 +171,8 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
         static_cast<S>(scene.drives.zero_pose.empty() ? scene.start_angle[static_cast<std::size_t>(joint)]
                                                       : scene.drives.zero_pose[at]);
   }
+  c.homing = make_homing<S>(scene);
+  require_homing_pose<C>(scene, c);
   if (scene.command) {
     c.link = make_link(scene, pacing, c.controller.reference.space);
     const auto& r = c.controller.reference;

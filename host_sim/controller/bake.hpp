@@ -162,6 +162,11 @@ std::string text(const MotorMap<S, Joints>& v) {
   const auto& [factor, amplitude, per_turn, phase] = v;
   return braces(factor, amplitude, per_turn, phase);
 }
+template <class S>
+std::string text(const HomingConfig<S>& v) {
+  const auto& [speed, torque, damping, travel, share] = v;
+  return braces(speed, torque, damping, travel, share);
+}
 template <class Mode>
 std::string mode_text(const Mode& v) {
   if constexpr (requires { v.assembly; })
@@ -208,12 +213,13 @@ std::string text(const ControllerConfig<M>& v) {
 template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
   const auto& [controller, axes, its_line, count, heartbeat, waiting, confirmed, absolute, zero, mismatch,
-               torque_time, timed, link, delay] = v;
+               torque_time, timed, link, delay, homing] = v;
   link::LinkConfig known = link;
   known.session = 1;
   return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " +
          list(count, heartbeat, waiting, confirmed, absolute, zero, mismatch, torque_time, timed) +
-         ",\n      " + text(known) + ",\n      " + text(delay);
+         ",\n      " + text(known) + ",\n      " + text(delay) +
+         (homing.travel > 0 ? ",\n      " + text(homing) : "");
 }
 
 }  // namespace esmc::host::bake

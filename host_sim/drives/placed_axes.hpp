@@ -23,16 +23,19 @@ struct PlacedAxis {
 };
 
 /// Joint and mount of every drive of a scene, motors first, then passive encoders: the order of [drives].
+/// Encoders that homing is for count from where they are switched on.
 inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
   std::vector<PlacedAxis> out;
   for (std::size_t i = 0; i < s.drives.nodes.size(); ++i) {
     const int motors = s.motors(), at = static_cast<int>(i);
     const bool motor = at < motors;
     const int joint = !motor ? 2 * (at - motors) + 1 : at * s.joints() / motors;
-    out.push_back({{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i]},
-                   joint,
-                   motor,
-                   i});
+    const double begin = s.homes() ? s.start_angle[static_cast<std::size_t>(joint)] : 0.0;
+    out.push_back(
+        {{s.drives.nodes[i], s.drives.direction[i], s.drives.gear_ratio[i], s.drives.offset[i] + begin},
+         joint,
+         motor,
+         i});
   }
   return out;
 }

@@ -64,6 +64,8 @@ std::span<const Console::Command> Console::commands() {
       Command{"off", "", "no torque from the next tick on; not a brake", 0, 0, &Console::off},
       Command{"reset", "", "acknowledge the fault, which is printed", 0, 0, &Console::reset},
       Command{"zero", "", "confirm that the mechanism stands in its zero pose", 0, 0, &Console::zero},
+      Command{"home", "", "press one base joint after the other on its end stop, which sets the zero", 0, 0,
+              &Console::home},
       Command{"set", "KEY VALUE",
               "a gain within the bounds of [command]: control.lambda, control.gain.angle, ...", 2, 2,
               &Console::set},

@@ -67,6 +67,7 @@ class Console {
   void halt(const Words& words);
   void reset(const Words& words);
   void zero(const Words& words);
+  void home(const Words& words);
   void go_to(const Words& words);
   void teach(const Words& words);
   void list_points(const Words& words);
@@ -91,6 +92,8 @@ class Console {
   [[noreturn]] void refuse(const char* reason, const std::string& what) const;
   /// To a set point; reports where it arrived. False: Ctrl-C has ended it.
   bool move_to(const std::array<double, 2>& to);
+  /// Gives an order that arms, as the sign of life from now on, and waits until `disabled` is left.
+  void leave_disabled(link::Order order, const char* refusal);
   /// Arms with this source of motion and waits for `running`.
   void start(link::Source source);
   /// For a motion: running under set points; in a call of its own it arms first.

@@ -34,7 +34,8 @@ std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t 
       (f.data[3] & 0x10U) != 0,
       hal::get_field(f, 4, 3),
       session,
-      static_cast<link::Pace>(pace)};
+      static_cast<link::Pace>(pace),
+      (f.data[3] & 0x20U) != 0};
 }
 
 bool LinkClient::hear(const hal::CanFrame& f) {

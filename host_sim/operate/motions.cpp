@@ -30,6 +30,30 @@ void require_not_interrupted(const Connection& link) {
 
 }  // namespace
 
+void Console::leave_disabled(link::Order order, const char* refusal) {
+  require_not_interrupted(link_);
+  own_ = true;
+  link_.keep_alive(Connection::Alive::always);
+  const auto left = [&] { return now().state != State::disabled || now().fault != Fault::none; };
+  if (link_.obeyed(order, left) && link_.until(left, order_seconds) != Waited::silent) return;
+  own_ = false;
+  refuse("refused", refusal);
+}
+
+void Console::home(const Words&) {
+  require_no_fault();
+  if (now().state != State::disabled) refuse("not_now", "homing begins while disabled");
+  leave_disabled(link::Order::home,
+                 "the order to home was not taken; the scene must have drives.homing_speed");
+  const auto over = [&] { return now().state == State::disabled || now().state == State::fault; };
+  interrupted_ = link_.until(over, 1e9) == Waited::stopped;  // the controller bounds travel and time
+  if (interrupted_) return bring_to_rest();
+  own_ = false;
+  if (now().zero_unknown) refuse("not_homed", "homing was ended before both stops were met");
+  require_no_fault();
+  say("homed: both joints were on their end stops");
+}
+
 void Console::start(link::Source source) {
   require_no_fault();
   if (now().state != State::disabled) refuse("not_now", "arming begins while disabled");
@@ -37,14 +61,7 @@ void Console::start(link::Source source) {
   const auto chosen = [&] { return now().source == source; };
   if (!chosen() && (!link_.obeyed(wanted, chosen) || link_.until(chosen, order_seconds) == Waited::silent))
     refuse("refused", "the source of motion was not taken");
-  require_not_interrupted(link_);
-  own_ = true;
-  link_.keep_alive(Connection::Alive::always);
-  const auto left = [&] { return now().state != State::disabled || now().fault != Fault::none; };
-  if (!link_.obeyed(link::Order::arm, left) || link_.until(left, order_seconds) == Waited::silent) {
-    own_ = false;
-    refuse("refused", "the order to arm was not taken");
-  }
+  leave_disabled(link::Order::arm, "the order to arm was not taken");
   const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
   const Waited w = link_.until(over, arming_seconds);
   if (w == Waited::stopped) bring_to_rest();

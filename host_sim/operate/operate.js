@@ -6,9 +6,9 @@
   const drawing = new Drawing(byId("mechanism"), null), events = new EventsPanel(byId("events"));
   const order = (...words) => send({ do: words.map(String) });
 
-  // Stops first: they work from everywhere, on every page, at any time.
-  on(byId("halt"), "click", () => send({ stop: "halt" }));
-  on(byId("off"), "click", () => send({ stop: "off" }));
+  // Stops first: they work from everywhere, on every page, at any time. Of a second finger there is no click.
+  for (const how of ["halt", "off"])
+    for (const type of ["pointerdown", "click"]) on(byId(how), type, () => send({ stop: how }));
   on(document, "keydown", (event) => { if (event.key === "Escape") send({ stop: "halt" }); });
   on(byId("take"), "click", () => send({ take: true }));
 
@@ -28,6 +28,11 @@
     const { point } = event.target.elements;
     if (point.value.trim()) order("teach", point.value.trim());
   });
+  document.querySelectorAll("[data-file]").forEach((form) => on(form, "submit", (event) => {
+    event.preventDefault();
+    const path = form.elements.path.value.trim();
+    if (path) order(form.dataset.file, path);
+  }));
   on(byId("gains"), "submit", (event) => {
     event.preventDefault();
     for (const { name, value, defaultValue } of event.target.querySelectorAll("input"))
@@ -41,6 +46,7 @@
     byId("subtitle").textContent = `${hello.mechanism.type === "rr" ? "RR arm" : "5R five-bar"}; ${hello.rate_hz} Hz`;
     byId("line").textContent = `esmc ${hello.version}, ${hello.scene}`;
     byId("unit").textContent = hello.unit;
+    query("[data-do=home]").hidden = !hello.homes;
     document.querySelectorAll(".axis").forEach((node, i) => { node.textContent = `${symbol(hello.axes[i])}, ${hello.unit}`; });
     byId("speed").value ||= Number((hello.speed / 4).toPrecision(2));
     byId("speed").max = hello.speed;
@@ -96,7 +102,7 @@
   const meanings = {
     disabled: ["warn", "‖", "off", "Arm enables; the mechanism then holds its pose."],
     enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
-    testing: ["warn", "…", "testing", "Each motor gets a little torque and must answer as the model says."],
+    testing: ["warn", "…", "testing", "Each motor in turn gets a little torque: the sign test, or homing."],
     running: ["ok", "▶", "running", ""],
     halting: ["warn", "‖", "halting", "To rest under control."],
     holding: ["warn", "‖", "holding", "At rest, held by the law."],
@@ -141,9 +147,9 @@
     put(query(".symbol"), sign);
     put(byId("state"), word);
     put(byId("why"), now.fault === "none" ? "" : now.fault.replaceAll("_", " "));
-    put(byId("detail"), now.busy && running ? `${now.busy} …` : detail);
+    put(byId("detail"), now.busy && running ? `${now.busy} …` : now.zero_known ? detail : "The zero is not confirmed: Home, or Zero in the zero pose.");
     const fits = { arm: now.state === "disabled" && now.fault === "none", run: now.state === "disabled" && now.fault === "none", hold: running, resume: running && now.pace === "held",
-      reset: now.fault !== "none", zero: now.state === "disabled", store: now.state === "disabled" && now.store !== "none" };
+      reset: now.fault !== "none", zero: now.state === "disabled", home: now.state === "disabled" && now.fault === "none", store: now.state === "disabled" && now.store !== "none" };
     for (const button of document.querySelectorAll("[data-do]")) {
       button.disabled = !has || !fits[button.dataset.do];
       button.classList.toggle("wanted", has && ((button.dataset.do === "reset" && now.fault !== "none") || (button.dataset.do === "arm" && fits.arm)));
@@ -158,7 +164,8 @@
     put(byId("source"), now.pace === "full" ? now.source : `${now.source}, ${now.pace}`);
     showRecords();
     showPoints();
-    for (const button of document.querySelectorAll("#goto [type=submit], #points button, #pad button")) button.disabled = !has || !running || now.source !== "stream";
+    for (const button of document.querySelectorAll("#goto [type=submit], [data-file=run] button, #points button, #pad button")) button.disabled = !has || !running || now.source !== "stream";
+    query("[data-file=capture] button").disabled = !has || (now.state !== "disabled" && now.state !== "fault");
     showGains();
   }
   let pictures = 0;

@@ -37,6 +37,7 @@ Json hello_of(const Connection& link, const Scene& scene) {
           {"unit", joints ? "rad" : "m"},
           {"box", box ? Json(*box) : Json(nullptr)},
           {"speed", link.parameter(link::Index::speed)},
+          {"homes", !scene.drives.homing_speed.empty()},
           {"rate_hz", scene.rate_hz}};
 }
 
@@ -170,7 +171,8 @@ class PageLoop {
 int run_page(Connection& link, Console& console, const Scene& scene, int port) {
   const double silence = ticks(link, link::Index::silence);
   PageApi api(hello_of(link, scene),
-              {"arm", "run", "hold", "resume", "override", "goto", "reset", "zero", "set", "store", "teach"},
+              {"arm", "run", "hold", "resume", "override", "goto", "reset", "zero", "home", "set", "store",
+               "teach", "capture"},
               // A jog ends as a stream does, though not before what a browser on a busy machine needs.
               seconds(std::max(ticks(link, link::Index::stream_age), 0.1)),
               seconds(silence > 0.0 ? 0.5 * silence : 1.0));

@@ -37,6 +37,7 @@ nlohmann::ordered_json status_json(const Connection& c) {
          {"source", source_names[static_cast<std::size_t>(s.source)]},
          {"streaming", s.streaming},
          {"pace", pace_names[static_cast<std::size_t>(s.pace)]},
+         {"zero_known", !s.zero_unknown},
          {"tick", s.tick},
          {"session", s.session},
          {"scene", fmt::format("{:08x}", n.scene.value_or(0))},
@@ -70,6 +71,7 @@ std::string status_text(const Connection& c) {
                   source_names[static_cast<std::size_t>(s.source)], s.tick, n.scene.value_or(0));
   if (s.pace != link::Pace::full)
     out += fmt::format("\nreference {}", pace_names[static_cast<std::size_t>(s.pace)]);
+  if (s.zero_unknown) out += "\nzero not confirmed: home, or zero in the zero pose";
   if (n.effector) out += fmt::format("\neffector {:.6f} {:.6f} m", (*n.effector)[0], (*n.effector)[1]);
   for (std::size_t i = 0; i < n.joint.size(); ++i) {
     if (n.joint[i])

@@ -128,6 +128,27 @@ void check_moteus(const Section& s, const Scene& scene) {
   }
 }
 
+/// The end stops are at zero_pose.
+void read_homing(Section& s, Scene& scene) {
+  DriveScene& d = scene.drives;
+  const auto speed = s.optional_numbers("homing_speed", {2}),
+             torque = s.optional_numbers("homing_torque", {2});
+  if (!speed && !torque) return;
+  if (!speed || !torque)
+    s.fail(speed ? "homing_speed" : "homing_torque", "needs the other one of homing_speed and homing_torque");
+  if (d.zero != Zero::end_stop) s.fail("homing_speed", "is for zero = \"end_stop\"");
+  if (d.zero_pose.empty()) s.fail("homing_speed", "needs zero_pose, the angles of the joints on their stops");
+  if (scene.all_motors) s.fail("homing_speed", "is for two motors: with four, each moves all the others");
+  for (std::size_t i = 0; i < 2; ++i) {
+    if (std::abs((*speed)[i]) < 1e-3 || std::abs((*speed)[i]) > scene.limits.joint_speed)
+      s.fail("homing_speed", "must be at least 0.001 rad/s and at most limits.joint_speed, either way");
+    if (i < scene.torque_limit.size() && (*torque)[i] > scene.torque_limit[i])
+      s.fail("homing_torque", "must be at most control.torque_limit");
+  }
+  d.homing_speed = *speed;
+  d.homing_torque = *torque;
+}
+
 /// One entry per motor. Lists for the base motors alone are enough where there is no bus.
 void read_mounts(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
@@ -167,6 +188,7 @@ void read_drives(Section s, Scene& scene) {
       s.fail("zero_pose", "must have one angle per sensed joint");
     d.zero_pose = *pose;
   }
+  read_homing(s, scene);
   if (d.sign_test.value_or(false) && scene.all_motors)
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {

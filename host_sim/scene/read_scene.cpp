@@ -301,6 +301,8 @@ void read_sections(Section& root, Scene& scene) {
   read_drives(root.section_or_empty("drives"), scene);
   read_sensors(root.section("sensors"), root, scene);
   if (const auto s = root.section("command")) read_command(*s, scene);
+  if (!scene.drives.homing_speed.empty() && !scene.command)
+    root.fail("drives", "'homing_speed' needs the table [command], whose order it is for");
   Section bus = root.section_or_empty("bus");
   bus.read_fields(scene);
   const bool fd = scene.drives.protocol == Protocol::moteus;

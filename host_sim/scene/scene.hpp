@@ -107,10 +107,11 @@ struct DriveScene {
   std::vector<int> nodes;
   std::vector<double> direction, gear_ratio, offset;
   Zero zero = Zero::absolute;
-  std::vector<double> zero_pose;      // rad, per sensed joint in the order of the joints; empty: the start
-  std::optional<bool> sign_test;      // unset: only where the bus can carry real drives
-  std::optional<bool> watchdog_test;  // likewise
-  double sign_test_move = 0.0;        // rad
+  std::vector<double> zero_pose;  // rad, per sensed joint in the order of the joints; empty: the start
+  std::vector<double> homing_speed, homing_torque;  // of the base joints, rad/s and N m; empty: no homing
+  std::optional<bool> sign_test;                    // unset: only where the bus can carry real drives
+  std::optional<bool> watchdog_test;                // likewise
+  double sign_test_move = 0.0;                      // rad
   double torque_mismatch = 0.0, torque_time = 0.0;  // N m at the joint, s
   double torque_lead = 0.0;                         // s
   double heartbeat_timeout = 0.0;                   // s
@@ -232,6 +233,8 @@ struct Scene {
   /// Whether the law has a sliding surface and a switching gain: esmc, esmc_projected, smc.
   [[nodiscard]] bool sliding() const { return law <= LawChoice::smc; }
   /// Whether the ODrive protocol carries the drives, of either firmware.
+  /// A console homes before it arms: emulated encoders then begin without their zero as well.
+  [[nodiscard]] bool homes() const { return !drives.homing_speed.empty() && command && command->arm_by_link; }
   [[nodiscard]] bool odrive() const {
     return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
   }

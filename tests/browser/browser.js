@@ -45,8 +45,8 @@ function folder() {
 
 /** Opens a file or an address. `page.troubles`: messages of errors and warnings on the console, uncaught exceptions;
     `page.asked`: addresses that were requested besides the page's own. */
-async function open(browser, where, { colorScheme = "light", width = 1440, height = 900 } = {}) {
-  const context = await browser.newContext({ colorScheme, viewport: { width, height } });
+async function open(browser, where, { colorScheme = "light", width = 1440, height = 900, hasTouch = false } = {}) {
+  const context = await browser.newContext({ colorScheme, hasTouch, viewport: { width, height } });
   const page = await context.newPage(), address = /^\w+:\/\//.test(where) ? where : `file://${path.resolve(where)}`;
   page.troubles = [];
   page.asked = [];

@@ -4,6 +4,7 @@
 
 const assert = require("node:assert/strict");
 const { spawn } = require("node:child_process");
+const fs = require("node:fs");
 const net = require("node:net");
 const path = require("node:path");
 const readline = require("node:readline");
@@ -48,10 +49,11 @@ function start(...args) {
   return child;
 }
 /** Drives, controller, and a console that serves its page. */
-async function bench() {
-  const can = await bus(), halves = ["plant", "controller"].map((half) => start(half, scene, "--bus", can.name, "--realtime", ...sets));
+async function bench(...more) {
+  const all = [...sets, ...more.flatMap((s) => ["--set", s])];
+  const can = await bus(), halves = ["plant", "controller"].map((half) => start(half, scene, "--bus", can.name, "--realtime", ...all));
   halves.forEach((half) => half.stdout.resume());
-  const page = start("operate", can.name, scene, ...sets, "--page", "--points", path.join(folder(), "points.toml"));
+  const page = start("operate", can.name, scene, ...all, "--page", "--points", path.join(folder(), "points.toml"));
   const { value: url } = await readline.createInterface({ input: page.stdout })[Symbol.asyncIterator]().next();
   return { url, can, page, async end() {
     page.kill("SIGINT");
@@ -255,6 +257,83 @@ if (shot) {
     assert.equal(JSON.parse(told).fault, "command_lost");
     b.page = start("operate", b.can.name, scene, ...sets, "--page");
     b.page.stdout.resume();
+  });
+
+  test("by touch: jog while the finger is down; a stop by another finger", async () => {
+    const b = await bench(), page = await armed(b, { width: 800, height: 1400, hasTouch: true });
+    const fingers = await page.context().newCDPSession(page), touch = (type, ...touchPoints) => fingers.send("Input.dispatchTouchEvent", { type, touchPoints });
+    const at = async (selector, id) => {
+      const box = await page.locator(selector).boundingBox();
+      return { id, x: box.x + box.width / 2, y: box.y + box.height / 2 };
+    };
+    await page.locator("#pad").scrollIntoViewIfNeeded();
+    await goTo(page, 0.0, 0.18);
+    await event(page, "at ");
+    await page.locator("#pad").scrollIntoViewIfNeeded();
+    const right = await at('#pad [data-way="0+"]', 1);
+    await touch("touchStart", right);
+    await beyond(page, 8);
+    await touch("touchEnd");
+    await holdsNear(page, 1);
+    await touch("touchStart", right);
+    await beyond(page, await x(page) + 4);
+    await touch("touchCancel");  // the system takes the finger: a call, a gesture
+    await holdsNear(page, 2);
+    assert.equal(await text(page, "state"), "running");
+    // Slid off the button, it is still held; then STOP under a second finger.
+    await touch("touchStart", right);
+    await touch("touchMove", { ...right, y: right.y + 90 });
+    await beyond(page, await x(page) + 4);
+    const before = b.can.statuses.length;
+    await touch("touchStart", { ...right, y: right.y + 90 }, await at("#halt", 2));
+    await state(page, "off");
+    assert.ok(b.can.statuses.slice(before).every(({ fault }) => fault === 0));
+    await touch("touchEnd");
+    await page.tap("[data-do=arm]");
+    await state(page, "running");
+    await page.tap("#off");
+    await state(page, "off");
+    await sound(page);
+    await b.end();
+  });
+
+  test("a file is run, the last ticks are captured", async () => {
+    const b = await bench(), page = await open(browser, b.url), own = folder(), line = path.join(own, "line.toml"), ticks = path.join(own, "ticks");
+    await state(page, "off");
+    assert.ok(await page.isHidden("[data-do=home]") && await page.isDisabled("[data-file=run] button"));
+    fs.writeFileSync(line, fs.readFileSync(scene, "utf8").replace(/\[reference\][\s\S]*?\n\[initial\]/, '[reference]\ntype = "line"\nfrom = [0.05, 0.18]\nto = [-0.02, 0.2]\nduration = 2.0\n\n[initial]'));
+    await page.click("[data-do=arm]");
+    await state(page, "running");
+    const run = async (file) => { await page.fill("[data-file=run] input", file); await page.click("[data-file=run] button"); };
+    await run(path.join(own, "none.toml"));
+    await refused(page, "none.toml");
+    await run(line);
+    await event(page, "end of the path: -0.0");
+    assert.ok(await page.isDisabled("[data-file=capture] button"));
+    await page.click("#halt");
+    await state(page, "off");
+    await page.fill("[data-file=capture] input", ticks);
+    await page.click("[data-file=capture] button");
+    await event(page, " ticks");
+    assert.match(fs.readFileSync(path.join(ticks, "capture.csv"), "utf8"), /^t,tick,/);
+    await sound(page);
+    await b.end();
+  });
+
+  test("home, where the drives lose their zero", async () => {
+    const b = await bench('effects=[{type="viscous_friction", coefficient=[0.02, 0.02]}, {type="end_stops", lower=[-9.0, 1.155262], upper=[0.631942, 9.0]}]', 'drives.zero="end_stop"',
+      "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.2, -0.2]", "drives.homing_torque=[0.1, 0.1]"), page = await open(browser, b.url);
+    await until(page, () => document.getElementById("detail").textContent.includes("zero is not confirmed"));
+    await page.click("[data-do=home]");
+    await state(page, "testing");
+    await page.keyboard.press("Escape");
+    await state(page, "off");
+    await page.click("[data-do=home]");
+    await event(page, "homed");
+    await page.click("[data-do=arm]");
+    await state(page, "running");
+    await sound(page);
+    await b.end();
   });
 
   test("strangers and floods are refused, and the ticks go on", async () => {

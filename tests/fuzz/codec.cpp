@@ -160,7 +160,7 @@ double number24(const CanFrame& f, std::size_t at) {
 void command_link(fuzz::Bytes& in) {
   const CanFrame f = in.frame(0x780 + in.below(6));
   if (const auto c = link::decode_command(f)) {
-    require(f.data[1] < 16 && (f.data[2] < 11 || f.data[2] == 19 || f.data[2] == 20),
+    require(f.data[1] < 16 && (f.data[2] < 12 || f.data[2] == 19 || f.data[2] == 20),
             "an order that there is");
     require(static_cast<unsigned>(c->order) == f.data[2] && c->percent == f.data[3] &&
                 c->tick == little(f, 4, 2) && c->parameters == little(f, 6, 2),

@@ -94,6 +94,8 @@ class CycleRun {
     for (std::size_t j = 0; j < joints; ++j)
       c.zero_pose[static_cast<int>(j)] = static_cast<S>(setup_.angle[j]);
     turn_cycle(c, shape, at_effector());
+    if (!c.zero_absolute)
+      c.homing = {{S(0.5F), S(-0.5F)}, {S(0.2F), S(0.2F)}, {S(0.05F), S(0.05F)}, S(0.1F), S(0.05F)};
     if constexpr (requires { P::kind(0U).old; }) {
       if (P::kind(shape.drive()).old)
         c.torque_mismatch = {};  // it does not say its torque, and the host refuses that
@@ -121,7 +123,7 @@ class CycleRun {
   /// An order that may count: sealed with the session that the controller has when it comes. Its age and
   /// counter: the target `link`.
   void order(const hal::CanFrame& f, unsigned session) {
-    const bool enables = f.data[2] == Desk::arm && !ordered_enable_,
+    const bool enables = (f.data[2] == Desk::arm || f.data[2] == Desk::home) && !ordered_enable_,
                resets = f.data[2] == Desk::reset && !ordered_reset_;
     if (!(enables || resets) || f.id != link_base || f.size != 8 || f.fd || f.remote || f.extended) return;
     if (desk_.seal(f, session).data[0] != f.data[0]) return;

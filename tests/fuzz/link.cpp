@@ -72,6 +72,7 @@ class Run {
     desk_.base = base;
     desk_.session = config_.session;
     if (has_store_) link_.store_status({.state = store_});
+    link_.offer_homing(true);
     if (more()) link_.capture_into(memory_);
     begin();
   }
@@ -245,16 +246,16 @@ class Run {
         require(f.data[3] <= 100 && (supervisor_.state() == State::running ||
                                      (supervisor_.state() == State::disabled && f.data[3] > 0)),
                 "a percentage, for a reference that leads or will");
-      if (f.data[2] == Desk::arm)
-        require(supervisor_.state() == State::disabled, "armed while disabled only");
-      if (f.data[2] == Desk::arm || f.data[2] == Desk::store)
+      const bool arms = f.data[2] == Desk::arm || f.data[2] == Desk::home;
+      if (arms) require(supervisor_.state() == State::disabled, "armed while disabled only");
+      if (arms || f.data[2] == Desk::store)
         require(test::Desk::word(f, 6, 2) == (link_.parameters().crc() & 0xFFFFU),
                 "armed and stored with a known table");
       const bool keeps = f.data[2] == Desk::store || f.data[2] == Desk::forget;
       if (keeps)
         require(has_store_ && supervisor_.state() == State::disabled,
                 "stored while disabled only, where there is a store");
-      if (keeps || f.data[2] == Desk::arm) require(storing_ == 0, "one thing at a time");
+      if (keeps || arms) require(storing_ == 0, "one thing at a time");
       if (f.data[2] == Desk::forget)
         require(link_.parameters().values() == config_.parameters.values(), "baked values");
       if (keeps) storing_ = 3;

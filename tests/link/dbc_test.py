@@ -234,12 +234,12 @@ def self_test(program):
              (r"SG_ Space : 12\|1@", "SG_ Space : 13|1@"), (r"\Z", 'BO_ 1951 More: 8 Controller\n SG_ A : 0|8@1+ (1,0) [0|1] "" Supervisor\n'),
              (r"SG_ Count : 16\|16@1\+ \(1,0\)", "SG_ Count : 16|16@1- (1,0)"), (r"(?<=Store )0 \"none\"", '0 "no"'),
              (r"SG_ Slot_2 : 24\|8", "SG_ Slot_2 : 16|8"), (r'10 "forget"', '10 "erase"'), (r'VERSION "1"', 'VERSION "2"'),
-             (r"SG_ Fault : 16\|8@1\+ \(1,0\) \[0\|31\]", "SG_ Fault : 16|8@1+ (1,0) [0|30]")]
+             (r"SG_ Fault : 16\|8@1\+ \(1,0\) \[0\|32\]", "SG_ Fault : 16|8@1+ (1,0) [0|30]")]
     # In a header: two enumerators that changed places, one put into the middle, one without its value, one that is new.
     enums = [("safety/faults", r"feedback_jump = 2,(.*?)stale_feedback = 3,", r"feedback_jump = 3,\1stale_feedback = 2,"),
              ("safety/faults", r"stale_feedback = 3,", "inserted = 3,\n stale_feedback = 4,"),
              ("safety/faults", r"stale_feedback = 3,", "stale_feedback,"),
-             ("safety/faults", r"(drives_not_confirmed = 31,)", r"\1\n one_more = 32,"),
+             ("safety/faults", r"(home_no_stop = 32,)", r"\1\n one_more = 33,"),
              ("safety/supervisor", r"running = 3,", "running = 9,"), ("link/codec", r"forget = 10,", "erase = 10,"),
              ("link/codec", r"protocol_version = 1;", "protocol_version = 2;"), ("link/parameters", r"silence = 11,", "silence = 12,")]
     failed = 0

@@ -50,7 +50,8 @@ void encode() {
                    i % 2 == 1,
                    i * 0x0123'4567U,
                    static_cast<std::uint8_t>(1 + 6 * i),
-                   static_cast<Pace>(i / 5 % 3)};
+                   static_cast<Pace>(i / 5 % 3),
+                   i / 2 % 2 == 1};
     const hal::CanFrame f = encode_status(base, s, static_cast<std::uint8_t>(i));
     print("Status", f,
           {{"Crc", number(f.data[0])},
@@ -61,6 +62,7 @@ void encode() {
            {"Source", number(s.source)},
            {"Streaming", number(s.streaming)},
            {"Pace", number(s.pace)},
+           {"Zero_Unknown", number(s.zero_unknown)},
            {"Tick", number(s.tick % (1U << 24U))},
            {"Session", number(s.session)}});
     const FaultRecord r{s.fault, static_cast<std::uint8_t>(255 - 6 * i), static_cast<std::uint16_t>(1639 * i),

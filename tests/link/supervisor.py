@@ -12,7 +12,7 @@ import sys
 import time
 
 ORDERS = ["none", "arm", "disarm", "off", "reset", "confirm_zero", "hold", "reference", "stream", "store",
-          "forget", *[None] * 8, "override", "resume"]
+          "forget", "home", *[None] * 7, "override", "resume"]
 PROTOCOL_VERSION = 1  # of the command interface
 STATES = ["disabled", "enabling", "testing", "running", "halting", "holding", "lowering", "stopping", "fault"]
 

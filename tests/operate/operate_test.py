@@ -568,6 +568,81 @@ class Unattended(Bench):
         self.refused("other_scene", "status", sets=SETS)
 
 
+class Homing(Bench):
+    """Drives that count from where they were switched on, and base joints with end stops."""
+    stops = (0.631942, 1.155262)  # rad: joint 1 moves up to its stop, joint 2 down
+
+    @staticmethod
+    def with_stops(stops, *more, met=True):
+        upper, lower = (stops[0], stops[1]) if met else (9.0, -9.0)
+        effects = ('effects=[{type="viscous_friction", coefficient=[0.02, 0.02]}, '
+                   f'{{type="end_stops", lower=[-9.0, {lower}], upper=[{upper}, 9.0]}}]')
+        return [*SETS, *[a for v in (effects, 'drives.zero="end_stop"', f"drives.zero_pose=[{stops[0]}, {stops[1]}]", "drives.homing_speed=[0.2, -0.2]",
+                                     "drives.homing_torque=[0.1, 0.1]", *more) for a in ("--set", v)]]
+    sets = with_stops(stops)
+
+    def homing(self):
+        """A console in the midst of it."""
+        console = self.start("operate", self.wire.bus, SCENE, *self.sets, "home")
+        self.ear.wait(lambda: self.ear.statuses[-1][1] == "testing" or console.poll() is not None, "homing")
+        begin = len(self.ear.statuses)
+        self.ear.wait(lambda: len(self.ear.statuses) > begin + 10, "Status")
+        return console
+
+    def test_before_and_after(self):
+        first = self.status()
+        self.assertFalse(first["zero_known"])
+        self.assertIn("zero not confirmed", self.good("status"))
+        self.assertTrue(all(abs(j["angle"]) < 1e-5 for j in first["joints"]), first)
+        self.refused("zero_not_confirmed", "arm")
+        self.good("reset")
+
+        # Ended from elsewhere; by Ctrl-C; by death.
+        console = self.homing()
+        self.good("halt")
+        self.assertEqual(console.wait(PATIENCE), 1)
+        self.assertIn("esmc: not_homed", self.said(console))
+        console = self.homing()
+        self.refused("not_now", "home")
+        console.send_signal(signal.SIGINT)
+        self.assertEqual(console.wait(PATIENCE), 130, self.said(console))
+        self.ear.state("disabled")
+        console = self.homing()
+        console.kill()
+        console.wait()
+        Operate.lost(self, SILENCE)
+        self.refused("command_lost", "home")
+        self.good("reset")
+        self.refused("zero_not_confirmed", "arm")
+        self.good("reset")
+
+        self.assertIn("homed", self.good("home"))
+        status = self.status()
+        self.assertEqual((status["state"], status["fault"], status["zero_known"]), ("disabled", "none", True))
+        for joint, stop in zip(status["joints"], self.stops):
+            self.assertAlmostEqual(joint["angle"], stop, delta=2e-3)
+        self.assertAt(self.good("goto", "0.05", "0.18"), (0.05, 0.18))
+        self.assertIn("homed", self.good("home"))  # again, from elsewhere
+        self.assertEqual([round(j["angle"], 2) for j in self.status()["joints"]], [round(s, 2) for s in self.stops])
+
+
+class HomingArm(Homing):
+    stops = (0.75, 1.5)
+    arm = 'mechanism={type="rr", gravity=0.0, working_mode=["+"], leg={l1=0.12, l2=0.16, lg1=0.06, lg2=0.068, m1=0.1, m2=0.1, J1=2e-4, J2=7e-4}}'
+    sets = Homing.with_stops(stops, arm)
+
+
+class HomingNowhere(Homing):
+    """An arm without stops."""
+    sets = Homing.with_stops(HomingArm.stops, HomingArm.arm, "limits.joint_angle=[[0.0, 1.0], [1.0, 2.0]]", met=False)
+
+    def test_before_and_after(self):
+        self.refused("home_no_stop", "home")
+        self.assertEqual(self.status()["fault"], "home_no_stop")
+        self.good("reset")
+        self.assertFalse(self.status()["zero_known"])
+
+
 @unittest.skipUnless(BOARD, "no board")
 class Board(Bench):
     """The program of boards/linux, or an image for a Cortex-M4F, with the scene in it, as the controller."""

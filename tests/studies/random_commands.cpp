@@ -23,6 +23,7 @@ using test::Desk;
 
 constexpr double tick = 1e-3, torque_max = 2.0, speed = 0.4, acceleration = 6.0, gap = 2e-3;
 constexpr double left = -0.06, right = 0.06, low = 0.13, high = 0.22;
+constexpr double homing_torque = 0.2, homing_speed = 0.6;
 constexpr std::uint32_t halt_ticks = 100, silence = 60, age = 5;
 
 link::LinkConfig link_config() {
@@ -49,7 +50,9 @@ test::LoopSetup setup() {
   s.radius = 0.04;
   s.speed = 5.0;
   s.start = host::V2{0.03, 0.17};
-  s.effects = {host::ViscousFriction{{0.02, 0.02, 0.02, 0.02}}};
+  s.effects = {host::ViscousFriction{{0.02, 0.02, 0.02, 0.02}},
+               host::EndStops{{-0.4, 0.2}, {1.8, 2.4}, 2000.0, 0.5}};
+  s.homing = {{homing_speed, -homing_speed}, {homing_torque, homing_torque}, {0.08, 0.08}, 2.0, 0.01};
   s.adjust = [](ControllerConfig<FiveBar<double>>& c) {
     c.halt_ticks = halt_ticks;
     c.after_halt = AfterHalt::hold;
@@ -74,6 +77,7 @@ class Episode {
         loop_(setup()) {
     desk_.session = link_config().session;
     link_.capture_into(memory_);
+    link_.offer_homing(true);
     loop_.supervisor() = Supervisor(loop_.controller().supervision());
   }
 
@@ -130,7 +134,7 @@ class Episode {
     switch (loop_.supervisor().state()) {
       case State::disabled:
         send(desk_.order(below(4) == 0 ? Desk::reference : Desk::stream));
-        return send(desk_.order(Desk::arm));
+        return send(desk_.order(below(8) == 0 ? Desk::home : Desk::arm));
       case State::fault:
       case State::holding:
         return send(desk_.order(Desk::reset));
@@ -224,6 +228,7 @@ class Episode {
       return;
     }
     moved += v > 1e-3 ? 1U : 0U;
+    if (s.homing()) return check_homing(r, v);
     if (s.running()) {
       room_ = v * 0.5 * halt_ticks * tick;
       require(quiet_ <= silence + 2, "running without a sign of life");
@@ -234,6 +239,18 @@ class Episode {
       require(std::abs(truth.qd[i]) <= 20.5, "a joint faster than allowed");
     rest_ = s.running() ? 0 : rest_ + 1;
     require(rest_ < 4 * halt_ticks || v < 0.02, "not at rest");
+  }
+  void check_homing(const TickResult<FiveBar<double>>& r, double v) {
+    const auto truth = loop_.truth();
+    for (int i = 0; i < 4; ++i)
+      require(std::abs(r.torque[i]) <= homing_torque, "more than the homing torque");
+    for (const std::size_t i : {2U, 4U})
+      require(std::abs(truth.qd[i]) <= 4.1 * homing_speed, "a joint faster than homing allows");
+    const bool seeks = loop_.supervisor().state() == State::testing;
+    require(!seeks || quiet_ <= silence + 2, "homing without a sign of life");
+    rest_ = seeks ? 0 : rest_ + 1;
+    require(rest_ < 4 * halt_ticks || v < 0.02, "homing does not come to rest");
+    room_ = 1.0;  // it has left the workspace, and is let go
   }
   /// m outside of limits.workspace; 0 within.
   static double beyond(const Vec2<double>& p) {

@@ -49,6 +49,7 @@ struct LoopSetup {
   Sensors sensors = Sensors::base;
   double min_type2 = 0.05;
   int substeps = 2;
+  HomingConfig<double> homing{};
   std::function<void(Vec<double, 4>&)> wiring{};                     ///< what the cables make of the torques
   std::function<void(ControllerConfig<FiveBar<double>>&)> adjust{};  ///< the last word on the configuration
 };
@@ -99,6 +100,7 @@ class ControlLoop {
       : setup_(s),
         controller_(controller_of(s)),
         supervisor_(controller_.supervision()),
+        homing_(s.homing, s.tick, controller_.config().halt_ticks),
         motion_({Plant(s.truth), Plant(s.truth), s.effects, motor_joints(s), host::Method::rk4},
                 Plant::from_joints(theta, {})),
         actuators_(s.effects, motor_joints(s), 1) {
@@ -124,7 +126,8 @@ class ControlLoop {
       sample_.angle[joint] = r.position_rev / per_radian;
       sample_.rate[joint] = r.velocity_rev_s / per_radian;
     }
-    result_ = controller_.tick(sample_, supervisor_);
+    result_ = supervisor_.homing() ? controller_.home(sample_, supervisor_, homing_)
+                                   : controller_.tick(sample_, supervisor_);
     Vec<double, 4> tau = result_.torque;
     if (setup_.wiring) setup_.wiring(tau);
     bool clipped = false;
@@ -161,6 +164,7 @@ class ControlLoop {
   LoopSetup setup_;
   Controller<M> controller_;
   Supervisor supervisor_;
+  Homing<double> homing_;
   host::Motion<Plant> motion_;
   host::Actuators<Plant> actuators_;
   std::vector<host::ShaftSensor> sensor_;

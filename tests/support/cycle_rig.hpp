@@ -144,6 +144,7 @@ class Rig {
     c.confirmed = s.confirmed;
     c.zero_absolute = s.zero_absolute;
     c.zero_pose = s.zero_pose;
+    c.homing = s.homing;
     c.link = s.link;
     return c;
   }

@@ -35,6 +35,7 @@ struct Setup {
   bool confirmed = true;
   bool zero_absolute = true;
   Vec<typename M::Scalar, M::joints> zero_pose = Vec<typename M::Scalar, M::joints>::Zero();
+  HomingConfig<typename M::Scalar> homing{};
   link::LinkConfig link{};
   std::array<double, 4> gear{mountings[0].gear, mountings[1].gear, mountings[2].gear, mountings[3].gear};
 };

@@ -31,7 +31,7 @@ inline std::uint8_t j1850(const std::vector<std::uint8_t>& bytes) {
 struct Desk {
   static constexpr unsigned command = 0, point = 1, position = 2, velocity = 3, write = 4, request = 5;
   static constexpr unsigned none = 0, arm = 1, disarm = 2, off = 3, reset = 4, confirm_zero = 5, hold = 6,
-                            reference = 7, stream = 8, store = 9, forget = 10, override_speed = 19,
+                            reference = 7, stream = 8, store = 9, forget = 10, home = 11, override_speed = 19,
                             resume = 20;
   static constexpr unsigned status = 0x10, record = 0x11, detail = 0x12, value = 0x13, table = 0x14,
                             counts = 0x15, effector = 0x16, error = 0x17, joint = 0x18, identity = 0x1C,

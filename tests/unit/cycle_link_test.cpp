@@ -458,6 +458,21 @@ TEST(CycleLink, TelemetryIsWhatTheTickDid) {
   FAIL() << "no telemetry";
 }
 
+TEST(CycleLink, AReferenceThatLeavesTheReachWhileItsSpeedChangesIsAFault) {
+  auto s = with_link<FiveBar<double>>();
+  s.controller.guide_acceleration = 1e-3;  // the change goes on for the whole test
+  s.controller.reference.centre = {0.0, 0.2};
+  s.controller.reference.amplitude = {0.1, 0.1};
+  Linked<FiveBar<double>> l(s);
+  ASSERT_TRUE(l.rig.start());
+  for (int i = 0; i < 6; ++i) l.tick();
+  l.tick({l.desk.order(Desk::override_speed, 50)});
+  ASSERT_TRUE(l.rig.cycle.supervisor().running()) << name(l.rig.cycle.supervisor().fault());
+  for (int i = 0; i < 300 && l.rig.cycle.supervisor().running(); ++i) l.tick();
+  EXPECT_EQ(l.rig.cycle.supervisor().fault(), Fault::reference_unreachable);
+  EXPECT_TRUE(l.rig.all_zero());
+}
+
 /// Frames of every kind, damaged in every way that a bus and a program can: nothing is armed, nothing moves.
 /// Good ones of another session are among them.
 TEST(CycleLink, DamagedFramesNeverMoveAnything) {

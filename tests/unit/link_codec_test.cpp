@@ -40,7 +40,8 @@ TEST(LinkCodec, Orders) {
   EXPECT_EQ(order(0, 1, 0)->tick, 0x1234);
   EXPECT_EQ(order(0, 1, 0)->parameters, 0x5678);
   EXPECT_FALSE(order(0x10, 1, 0));
-  EXPECT_FALSE(order(0, 11, 0));
+  EXPECT_EQ(order(0, 11, 0)->order, Order::home);
+  EXPECT_FALSE(order(0, 12, 0));
   EXPECT_EQ(order(0, 19, 0x80)->percent, 0x80) << "what it means the link judges";
   EXPECT_TRUE(order(0, 20, 0));
   EXPECT_FALSE(order(0, 18, 0));
@@ -110,6 +111,10 @@ TEST(LinkCodec, StatusSaysAllOfTheState) {
   EXPECT_FALSE(intact(encode_status(base, s, 0x37), 0x5B));
   s.pace = Pace::held;
   EXPECT_EQ(bytes_of(encode_status(base, s, 0x37), base + 0x10)[3], 2U | (2U << 2U) | 0x10U | (2U << 6U));
+  s.zero_unknown = true;
+  EXPECT_EQ(bytes_of(encode_status(base, s, 0x37), base + 0x10)[3],
+            2U | (2U << 2U) | 0x10U | 0x20U | (2U << 6U));
+  s.zero_unknown = false;
   s.pace = Pace::full;
   s.streaming = false;
   s.source = Source::reference;

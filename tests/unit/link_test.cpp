@@ -102,7 +102,7 @@ TEST(Link, BitsWithoutAMeaningAreMalformed) {
   const auto with = [&](unsigned message, std::uint64_t payload, unsigned tag) {
     return b.one(b.desk.make(message, payload, tag));
   };
-  EXPECT_EQ(with(Desk::command, 11, 0), Outcome::malformed);
+  EXPECT_EQ(with(Desk::command, 12, 0), Outcome::malformed);
   EXPECT_EQ(with(Desk::command, 3, 1), Outcome::malformed);
   EXPECT_EQ(with(Desk::command, 3 | 0x100, 0), Outcome::malformed);
   EXPECT_EQ(with(Desk::point, 0, 2), Outcome::malformed);

@@ -28,7 +28,8 @@ const std::vector<State> states{State::disabled, State::enabling, State::testing
 const std::vector<AfterHalt> ends{AfterHalt::release, AfterHalt::hold, AfterHalt::lower};
 /// After these the state is known and the drives obey.
 const std::set<Fault> gentle{Fault::workspace,       Fault::joint_angle,  Fault::reference_unreachable,
-                             Fault::join_infeasible, Fault::command_lost, Fault::tick_late};
+                             Fault::join_infeasible, Fault::command_lost, Fault::tick_late,
+                             Fault::home_no_stop};
 
 std::vector<Fault> faults() {
   std::vector<Fault> all;
@@ -306,6 +307,57 @@ TEST(Supervisor, AFaultThatGoesOnIsCountedOnceAndOneThatComesAgainTwice) {
   v.raise(Fault::enable_open);
   EXPECT_EQ(v.count(Fault::enable_open), 2U) << "a tick without it was between";
   EXPECT_EQ(v.count(Fault::bus_off), 1U);
+}
+
+TEST(Supervisor, HomingEndsWithoutTorqueInEveryWay) {
+  for (const AfterHalt end : ends) {
+    const auto homing = [&](bool can_halt = true) {
+      Supervisor v({.can_halt = can_halt, .after_halt = end});
+      v.begin_tick(Command::home, {});
+      EXPECT_EQ(v.state(), State::enabling);
+      v.begin_tick(Command::none, {.all_ready = true});
+      EXPECT_EQ(v.state(), State::testing);
+      EXPECT_TRUE(v.homing() && v.powered());
+      return v;
+    };
+    Supervisor v = homing();
+    v.begin_tick(Command::none, {}, true);
+    EXPECT_EQ(v.state(), State::stopping) << "on its stops it does not run";
+    v.begin_tick(Command::none, {.all_idle = true});
+    EXPECT_EQ(v.state(), State::disabled);
+    EXPECT_FALSE(v.homing());
+    v.begin_tick(Command::enable, {});
+    v.begin_tick(Command::none, {.all_ready = true});
+    EXPECT_TRUE(v.running() && !v.homing());
+
+    v = homing();
+    v.begin_tick(Command::stop, {});
+    EXPECT_EQ(v.state(), State::stopping);
+    v = homing();
+    v.begin_tick(Command::halt, {});
+    EXPECT_EQ(v.state(), State::halting);
+    v.begin_tick(Command::none, {}, true);
+    EXPECT_EQ(v.state(), State::stopping) << "nothing is held or lowered in a pose that is not known";
+    v = homing(false);
+    v.begin_tick(Command::halt, {});
+    EXPECT_EQ(v.state(), State::stopping);
+    for (const Fault f : faults()) {
+      v = homing();
+      v.raise(f);
+      EXPECT_EQ(v.state(), gentle.count(f) == 1 ? State::halting : State::fault) << name(f);
+      v.begin_tick(Command::none, {}, true);
+      EXPECT_EQ(v.state(), State::fault);
+      EXPECT_FALSE(v.homing());
+      v = homing(false);
+      v.raise(f);
+      EXPECT_EQ(v.state(), State::fault);
+    }
+  }
+  for (const State s : states) {
+    Supervisor v = in(s);
+    v.begin_tick(Command::home, {});
+    EXPECT_EQ(v.homing(), s == State::disabled) << name(s);
+  }
 }
 
 TEST(Supervisor, AnOrderToArmExpires) {

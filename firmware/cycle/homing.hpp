@@ -1,0 +1,141 @@
+#pragma once
+/// Presses one base joint after the other on its end stop, where the zero of its encoder is known.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "firmware/safety/guards.hpp"
+#include "firmware/types.hpp"
+
+namespace esmc {
+
+/// Values of the base joints. Without a travel there is no homing.
+template <class S>
+struct HomingConfig {
+  Vec2<S> speed = Vec2<S>::Zero();    ///< rad/s, not 0; its sign is the way to the stop
+  Vec2<S> torque = Vec2<S>::Zero();   ///< N m, > 0: the most that homing gives
+  Vec2<S> damping = Vec2<S>::Zero();  ///< N m s/rad, > 0: torque of an error of the speed
+  S travel{};                         ///< rad, > 0, in which a stop must be met
+  S share{};  ///< of the error's torque that the integral takes up in a tick; > 0, below 0.1
+};
+
+/// A joint moves at its speed, by a speed controller within the torque, until it stands under the whole
+/// torque for 1 / share ticks. That is its stop if it has moved by a hundredth of the travel; otherwise it
+/// must move away by as much and come back, for a motor without torque stands too. The second joint is damped
+/// meanwhile, so that a closed chain lets the first one pass; the first one then stays pressed on its stop.
+template <class S>
+class Homing {
+ public:
+  Homing() = default;
+  /// `sample_time`: s, > 0; `halt_ticks`: within four times as many, or 40, a brake must have ended.
+  Homing(const HomingConfig<S>& config, S sample_time, std::uint32_t halt_ticks)
+      : config_(config), sample_time_(sample_time), halt_ticks_(halt_ticks) {}
+
+  [[nodiscard]] bool available() const { return config_.travel > S(0); }  ///< there is homing
+  [[nodiscard]] bool done() const { return joint_ == 2; }  ///< both joints press on their stops
+  [[nodiscard]] bool at_rest() const { return resting_; }  ///< in the last brake()
+
+  /// Makes the next step() begin with the first joint.
+  void reset() { *this = Homing(config_, sample_time_, halt_ticks_); }
+
+  /// One tick. `angle` (rad), `rate` (rad/s): of the base joints, finite; sets their `torque`, N m. A fault:
+  /// a joint is too fast, has met no stop, has left it again, or does not move.
+  Fault step(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
+    if (const Fault f = too_fast(rate); f != Fault::none) return f;
+    if (joint_ < 2) {
+      if (const Fault f = seek(angle[joint_], rate[joint_]); f != Fault::none) return f;
+    }
+    for (int j = 0; j < 2; ++j) {
+      if (j < joint_ && !within(angle[j] - stop_[j], proof())) return Fault::home_no_stop;
+      if (j > joint_) {
+        torque[j] = clamped(-config_.damping[j] * rate[j], j);
+      } else {
+        torque[j] = drive(j, j == joint_ && away_ ? -config_.speed[j] : config_.speed[j], rate[j]);
+      }
+    }
+    return Fault::none;
+  }
+
+  /// Instead of step(): to rest where the joints are. A fault: one is too fast, or they do not come to rest.
+  Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
+    if (const Fault f = too_fast(rate); f != Fault::none) return f;
+    resting_ = within(rate[0], slow(0)) && within(rate[1], slow(1));
+    if (!resting_ && ++brake_ticks_ > std::max<std::uint32_t>(4 * halt_ticks_, 40)) return Fault::halt_failed;
+    const S stronger = S(0.05) / config_.share;  // a fifth of what would stop the model in a tick
+    for (int j = 0; j < 2; ++j) {
+      const S against = -config_.damping[j] * rate[j];
+      integral_[j] = clamped(integral_[j] + config_.share * against, j);
+      torque[j] = clamped(integral_[j] + stronger * against, j);
+    }
+    return Fault::none;
+  }
+
+ private:
+  [[nodiscard]] S slow(int j) const { return std::abs(config_.speed[j]) * S(0.125); }
+  [[nodiscard]] S proof() const { return config_.travel * S(0.01); }
+  [[nodiscard]] S clamped(S torque, int j) const {
+    return std::clamp(torque, -config_.torque[j], config_.torque[j]);
+  }
+  /// Four times the larger speed: in a closed chain one joint may move the other faster than itself.
+  [[nodiscard]] Fault too_fast(const Vec2<S>& rate) const {
+    const S most = S(4) * std::max(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
+    return within(rate[0], most) && within(rate[1], most) ? Fault::none : Fault::joint_speed;
+  }
+
+  /// Torque towards a wanted speed. A joint that stands gets the whole torque within 1 / share ticks.
+  S drive(int j, S wanted, S rate) {
+    const S error = wanted - rate;
+    const bool stands = within(rate, slow(j));
+    const S more = !stands         ? config_.damping[j] * error
+                   : wanted < S(0) ? -config_.torque[j]
+                                   : config_.torque[j];
+    integral_[j] = clamped(integral_[j] + config_.share * more, j);
+    return clamped(integral_[j] + config_.damping[j] * error, j);
+  }
+
+  void begin(S angle) {
+    from_ = angle;
+    ticks_ = standing_ = 0;
+    begun_ = true;
+  }
+  /// Moves on to the next way or joint where the present one stands under the torque of the last tick.
+  Fault seek(S angle, S rate) {
+    if (!begun_) begin(angle);
+    const S way = away_ ? -config_.speed[joint_] : config_.speed[joint_];
+    const S passed = S(ticks_++) * sample_time_ * std::abs(way);
+    if (!within(angle - from_, config_.travel) || passed > S(2) * config_.travel) return Fault::home_no_stop;
+    moved_ = moved_ || !within(angle - from_, proof());
+    const bool whole = !within(integral_[joint_], config_.torque[joint_] * S(0.999F)) &&
+                       (integral_[joint_] < S(0)) == (way < S(0));
+    standing_ = whole && within(rate, slow(joint_)) ? standing_ + 1 : 0;
+    const bool stands = S(standing_) * config_.share >= S(1);
+    if (away_) {
+      if (stands) return Fault::sign_test;
+      if (moved_) turn(false, angle);
+    } else if (stands && moved_) {
+      stop_[joint_++] = angle;
+      moved_ = begun_ = false;
+    } else if (stands) {
+      turn(true, angle);
+    }
+    return Fault::none;
+  }
+  void turn(bool away, S angle) {
+    away_ = away;
+    begin(angle);
+  }
+
+  HomingConfig<S> config_{};
+  S sample_time_{};
+  std::uint32_t halt_ticks_ = 0;
+  int joint_ = 0;                           // that seeks its stop; 2: none
+  bool begun_ = false, away_ = false;       // the way; it leads away from the stop
+  bool moved_ = false, resting_ = false;    // by proof(); at the last brake()
+  S from_{};                                // rad, where the way began
+  std::uint32_t ticks_ = 0, standing_ = 0;  // on the way; without a break under the whole torque
+  std::uint32_t brake_ticks_ = 0;
+  Vec2<S> stop_ = Vec2<S>::Zero(), integral_ = Vec2<S>::Zero();
+};
+
+}  // namespace esmc
