@@ -60,13 +60,15 @@ class Homing {
   /// Instead of step(): to rest where the joints are. A fault: one is too fast, or they do not come to rest.
   Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
-    resting_ = within(rate[0], slow(0)) && within(rate[1], slow(1));
+    resting_ = within(rate[0], S(2) * slow(0)) && within(rate[1], S(2) * slow(1));
     if (!resting_ && ++brake_ticks_ > std::max<std::uint32_t>(4 * halt_ticks_, 40)) return Fault::halt_failed;
-    const S stronger = S(0.05) / config_.share;  // a fifth of what would stop the model in a tick
+    constexpr S share(0.05F);
     for (int j = 0; j < 2; ++j) {
-      const S against = -config_.damping[j] * rate[j];
-      integral_[j] = clamped(integral_[j] + config_.share * against, j);
-      torque[j] = clamped(integral_[j] + stronger * against, j);
+      const S against = -config_.damping[j] * (share / config_.share) * rate[j];  // the model in 5 ticks
+      // The torque that friction took is let go, that which carries a weight is not.
+      if (!within(rate[j], slow(j)) && integral_[j] * rate[j] > S(0)) integral_[j] *= S(0.8F);
+      integral_[j] = clamped(integral_[j] + share * against, j);
+      torque[j] = clamped(integral_[j] + against, j);
     }
     return Fault::none;
   }
