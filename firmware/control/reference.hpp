@@ -219,26 +219,19 @@ class JoinedReference {
   [[nodiscard]] const Reference<S>& reference() const { return reference_; }
 
   /// Begins at this position and velocity (m or rad, per s) at tick 0, in the coordinates of the reference.
-  /// With hold_start the position becomes the centre. `rate`: of this motion's time, in (0, 1]; below 1 the
-  /// velocity, which is of real time, fades away within as much of that as at 1: over the whole of a slow
-  /// join the noise of a measured velocity would become a distance.
-  void start(const Vec2<S>& position, const Vec2<S>& velocity, S rate = S(1)) {
-    if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
-    if (join_ticks_ == 0) return;
-    const Motion2<S> m = reference_.at(0, sample_time_);
-    const S duration = S(join_ticks_) * sample_time_;
-    Motion2<S> offset{position - m.position, -m.velocity, -m.acceleration};
-    slow_ = rate < S(1);
-    if (slow_) {
-      const Motion2<S> moving{Vec2<S>::Zero(), velocity * (S(1) / rate), Vec2<S>::Zero()};
-      drift_ = Quintic<S>::between(moving, {}, duration * rate);
-    } else {
-      offset.velocity += velocity;
-    }
-    if (reference_.space == ReferenceSpace::base_joints) {
-      offset.position = Vec2<S>(wrap_to_pi(offset.position[0]), wrap_to_pi(offset.position[1]));
-    }
-    join_ = Quintic<S>::between(offset, {}, duration);
+  /// With hold_start the position becomes the centre.
+  void start(const Vec2<S>& position, const Vec2<S>& velocity) {
+    join(position, velocity);
+    slow_ = false;
+  }
+  /// Likewise where the time of this motion passes at `rate`, in (0, 1), of real time, which the velocity is
+  /// of: that fades away in as much real time as with start(). Over the whole of a slow join the noise of a
+  /// measured velocity would become a distance.
+  void start_slowly(const Vec2<S>& position, const Vec2<S>& velocity, S rate) {
+    join(position, Vec2<S>::Zero());
+    const Motion2<S> moving{Vec2<S>::Zero(), velocity * (S(1) / rate), Vec2<S>::Zero()};
+    drift_ = Quintic<S>::between(moving, {}, S(join_ticks_) * sample_time_ * rate);
+    slow_ = join_ticks_ > 0;
   }
 
   /// Motion at a tick since start(): the reference, and the rest of the offset for join_ticks.
@@ -251,6 +244,16 @@ class JoinedReference {
   }
 
  private:
+  void join(const Vec2<S>& position, const Vec2<S>& velocity) {
+    if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
+    if (join_ticks_ == 0) return;
+    const Motion2<S> m = reference_.at(0, sample_time_);
+    Motion2<S> offset{position - m.position, velocity - m.velocity, -m.acceleration};
+    if (reference_.space == ReferenceSpace::base_joints) {
+      offset.position = Vec2<S>(wrap_to_pi(offset.position[0]), wrap_to_pi(offset.position[1]));
+    }
+    join_ = Quintic<S>::between(offset, {}, S(join_ticks_) * sample_time_);
+  }
   static S ticks(std::uint64_t tick) { return S(static_cast<std::uint32_t>(tick)); }
   template <class Time, class Ticks>
   [[nodiscard]] ESMC_INLINE Motion2<S> motion(const Time& time, std::uint64_t tick,

@@ -304,7 +304,12 @@ class Controller {
     if (running_tick_ == 0) {
       const Vec2<S> position = at_effector ? t.pose.effector : M::base_angles(t.pose);
       const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
-      reference_.start(position, velocity, path_rate_.begin());
+      const S rate = path_rate_.begin();
+      if (path_rate_.active()) {
+        reference_.start_slowly(position, velocity, rate);
+      } else {
+        reference_.start(position, velocity);
+      }
       if (setpoints_.active()) setpoints_.start(position, velocity);
     }
     return desired(setpoints_.active()   ? setpoints_.at()

@@ -297,7 +297,11 @@ TEST(PathRate, BeginsAtTheWantedRateWithoutAJump) {
     EXPECT_NEAR(begun, share, 1e-6);
     const V velocity(0.05, -0.02);
     JoinedReference<double> joined(circle(0.05, 8.0), 500, h);
-    joined.start(V(0.2, -0.2), velocity, begun);
+    if (rate.active()) {
+      joined.start_slowly(V(0.2, -0.2), velocity, begun);
+    } else {
+      joined.start(V(0.2, -0.2), velocity);
+    }
     const auto m = rate.active() ? rate.step(joined, 0, 0, [](const Motion2<double>&) { return true; })
                                  : joined.at(std::uint64_t{0});
     EXPECT_LT((m.position - V(0.2, -0.2)).norm(), 1e-15);
@@ -315,7 +319,11 @@ TEST(PathRate, ASlowJoinDoesNotTurnNoiseIntoDistance) {
     Reference<double> rest;
     rest.kind = ReferenceKind::hold_start;
     JoinedReference<double> joined(rest, 1000, h);
-    joined.start(V(0.2, 0.1), V(0.05, -0.02), begun);
+    if (rate.active()) {
+      joined.start_slowly(V(0.2, 0.1), V(0.05, -0.02), begun);
+    } else {
+      joined.start(V(0.2, 0.1), V(0.05, -0.02));
+    }
     for (std::uint64_t n = 0; n < 25'000; ++n) {
       const auto m =
           rate.active() ? rate.step(joined, n, 0, [](const Motion2<double>&) { return true; }) : joined.at(n);

@@ -95,7 +95,7 @@ class SetpointGenerator<host::Lanes<N, Tag>> {
  public:
   using L = host::Lanes<N, Tag>;
   SetpointGenerator() = default;
-  SetpointGenerator(L, L, L, bool, std::uint32_t) {}
+  SetpointGenerator(L, L, L, std::array<bool, 2>, std::uint32_t) {}
   [[nodiscard]] static constexpr bool active() { return false; }
   [[nodiscard]] static Motion2<L> at() { return {}; }
   static void start(const Vec2<L>&, const Vec2<L>&) {}
