@@ -115,10 +115,21 @@ class PlantOf final : public PythonPlant {
 
 template <class T>
 Json leg_case(const LegParams<T>& p) {
-  return {{"l1", p.l1}, {"l2", p.l2}, {"lg1", p.lg1},       {"lg2", p.lg2},
-          {"m1", p.m1}, {"m2", p.m2}, {"J1", p.J1},         {"J2", p.J2},
-          {"c1", p.d1}, {"c2", p.d2}, {"gamma1", p.gamma1}, {"gamma2", p.gamma2},
-          {"rotor2", p.rotor2}, {"asymmetry1", p.asymmetry1}, {"asymmetry2", p.asymmetry2}};
+  return {{"l1", p.l1},
+          {"l2", p.l2},
+          {"lg1", p.lg1},
+          {"lg2", p.lg2},
+          {"m1", p.m1},
+          {"m2", p.m2},
+          {"J1", p.J1},
+          {"J2", p.J2},
+          {"c1", p.d1},
+          {"c2", p.d2},
+          {"gamma1", p.gamma1},
+          {"gamma2", p.gamma2},
+          {"rotor2", p.rotor2},
+          {"asymmetry1", p.asymmetry1},
+          {"asymmetry2", p.asymmetry2}};
 }
 
 /// Adds effector and its velocity to a state that gives joints.

@@ -19,7 +19,7 @@ inline constexpr double chatter_share =
 inline constexpr double saturated_share = 0.9;  ///< of the ticks, above which the limit is the controller
 inline constexpr double error_share = 0.05;     ///< of the path, above which the reference is not followed
 
-inline constexpr double rest_share = 1e-6;  ///< of a leg's length, up to which a reference is at rest
+inline constexpr double rest_share = 1e-6;         ///< of a leg's length, up to which a reference is at rest
 inline constexpr double rest_error_share = 0.005;  ///< likewise, above which such a one is not held
 
 /// {ok, word, reasons}: `word` is OK, CHECK or FAULT, the first reason is the decisive one. `path`: extent of

@@ -92,9 +92,9 @@ Json list(const Eigen::MatrixBase<Derived>& m) {
 template <class S>
 LegParams<S> read_leg(const Node& n) {
   const auto or_0 = [&](const char* key) { return n.has(key) ? n.number<S>(key) : S(0); };
-  return {n.number<S>("l1"),   n.number<S>("l2"),   n.number<S>("lg1"),    n.number<S>("lg2"),
-          n.number<S>("m1"),   n.number<S>("m2"),   n.number<S>("J1"),     n.number<S>("J2"),
-          n.number<S>("c1"),   n.number<S>("c2"),   n.number<S>("gamma1"), n.number<S>("gamma2"),
+  return {n.number<S>("l1"),  n.number<S>("l2"),  n.number<S>("lg1"),    n.number<S>("lg2"),
+          n.number<S>("m1"),  n.number<S>("m2"),  n.number<S>("J1"),     n.number<S>("J2"),
+          n.number<S>("c1"),  n.number<S>("c2"),  n.number<S>("gamma1"), n.number<S>("gamma2"),
           or_0("asymmetry1"), or_0("asymmetry2"), or_0("rotor2")};
 }
 
