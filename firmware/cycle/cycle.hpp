@@ -357,7 +357,7 @@ class Cycle {
     raise(Fault::torque_not_finite, result);
   }
   /// Raises a fault that takes the torque away, after the controller's tick.
-  [[gnu::cold]] void raise(Fault f, TickResult<M>& result) {
+  void raise(Fault f, TickResult<M>& result) {
     supervisor_.raise(f);
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
@@ -441,7 +441,7 @@ class Cycle {
     return result;
   }
   /// The mechanism can be closed at these angles; encoders on all joints show the assembly mode as well.
-  [[nodiscard, gnu::cold]] bool closes(const Vec<S, M::joints>& angle) const {
+  [[nodiscard]] bool closes(const Vec<S, M::joints>& angle) const {
     const auto& c = controller_.config();
     if constexpr (M::joints == 4) {
       if (c.sensors == Sensors::all) {

@@ -37,11 +37,11 @@ class Homing {
   [[nodiscard]] bool at_rest() const { return resting_; }  ///< in the last brake()
 
   /// Makes the next step() begin with the first joint.
-  [[gnu::cold]] void reset() { *this = Homing(config_, sample_time_, halt_ticks_); }
+  void reset() { *this = Homing(config_, sample_time_, halt_ticks_); }
 
   /// One tick. `angle` (rad), `rate` (rad/s): of the base joints, finite; sets their `torque`, N m. A fault:
   /// a joint is too fast, has met no stop, has left it again, or does not move.
-  [[gnu::cold]] Fault step(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
+  Fault step(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     if (joint_ < 2) {
       if (const Fault f = seek(angle[joint_], rate[joint_]); f != Fault::none) return f;
@@ -58,7 +58,7 @@ class Homing {
   }
 
   /// Instead of step(): to rest where the joints are. A fault: one is too fast, or they do not come to rest.
-  [[gnu::cold]] Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
+  Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     resting_ = within(rate[0], S(2) * slow(0)) && within(rate[1], S(2) * slow(1));
     if (!resting_ && ++brake_ticks_ > std::max<std::uint32_t>(4 * halt_ticks_, 40)) return Fault::halt_failed;
