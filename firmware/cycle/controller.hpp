@@ -187,11 +187,11 @@ class Controller {
     if (verdict == SignTest<M>::Verdict::failed) return Fault::sign_test;
     out.stage_done = verdict == SignTest<M>::Verdict::passed;
     to_base_motors(torque, out);
-    return limit(out);
+    return limit_apart(out);
   }
 
   /// Torque of the base motors that balances the weight at rest.
-  [[nodiscard]] Vec2<S> weight(const typename M::Pose& pose) const {
+  [[nodiscard, gnu::cold, gnu::noinline]] Vec2<S> weight(const typename M::Pose& pose) const {
     return config_.mechanism.base_torque(
         pose, config_.mechanism.force(M::Channels::Zero().eval(), M::Rates::Zero()));
   }
@@ -380,7 +380,9 @@ class Controller {
     memory_.keep(given, as_asked);
   }
 
-  Fault limit(TickResult<M>& out) const {
+  /// For what runs without the law: the tick has the only copy that must be fast.
+  [[gnu::cold, gnu::noinline]] Fault limit_apart(TickResult<M>& out) const { return limit(out); }
+  ESMC_INLINE Fault limit(TickResult<M>& out) const {
     Fault fault = Fault::none;
     const int n = config_.motor_count();
     for (int k = 0; k < n; ++k) {
@@ -505,7 +507,7 @@ TickResult<M> Controller<M>::home(const Sample<M>& measured, Supervisor& supervi
     fault = brakes ? homing.brake(at_base(measured.rate), torque)
                    : homing.step(at_base(angle), at_base(measured.rate), torque);
     to_base_motors(torque, out);
-    const Fault limited = limit(out);
+    const Fault limited = limit_apart(out);
     supervisor.raise(fault != Fault::none ? fault : limited);
     out.stage_done = brakes ? homing.at_rest() : homing.done();
   }

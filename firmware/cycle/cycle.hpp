@@ -357,7 +357,7 @@ class Cycle {
     raise(Fault::torque_not_finite, result);
   }
   /// Raises a fault that takes the torque away, after the controller's tick.
-  void raise(Fault f, TickResult<M>& result) {
+  [[gnu::cold, gnu::noinline]] void raise(Fault f, TickResult<M>& result) {
     supervisor_.raise(f);
     result.state = supervisor_.state();
     result.fault = supervisor_.fault();
@@ -418,7 +418,7 @@ class Cycle {
   }
 
   /// Ignored unless every encoder has a fresh, finite sample.
-  void confirm_zero() {
+  [[gnu::cold, gnu::noinline]] void confirm_zero() {
     bool numbers = sensed();
     for (int i = 0; i < sensors_.count; ++i)
       numbers = numbers && finite(sample_.angle[i * sensors_.joint_step]);
