@@ -132,10 +132,16 @@ class Follower {
   /// Forces on every channel, of all that acts on the mechanism or has to be moved.
   typename M::Channels forces(double t, const typename M::Pose& pose, const typename M::Rates& rates,
                               const typename M::Rates& acceleration) const {
-    const M& m = payload_ && t >= payload_->from && t < payload_->to ? loaded_ : controller_.mechanism;
+    const bool carries = payload_ && t >= payload_->from && t < payload_->to;
+    const M& m = carries ? loaded_ : controller_.mechanism;
     typename M::Channels a = m.channel_accelerations(pose, rates, acceleration);
     m.add_rotors(a);
     typename M::Channels w = m.force(a, rates);
+    if constexpr (!M::has_type2) {
+      // The payload moves the mass centre of the arm's bar, where the forces of its rows act.
+      const Vec2<double> torque = m.base_torque(pose, w);
+      if (carries) w << torque, Vec<double, M::channels - 2>::Zero();
+    }
     constexpr int first = M::has_type2 ? 2 : 0, legs = M::joints / 2, rows = (M::channels - first) / legs;
     const Vec<double, M::joints> joint = joints_of<M>(acceleration);
     for (std::size_t i = 0; i < rotor_.size(); ++i) {

@@ -3,6 +3,7 @@
 usage: verdict_test.py ESMC SCENES_DIR [unittest args]"""
 import csv
 import json
+import math
 import os
 import re
 import subprocess
@@ -166,6 +167,19 @@ class Verdicts(unittest.TestCase):
         corners = [(-0.04, 0.15), (0.04, 0.15), (0.04, 0.2), (-0.04, 0.2), (-0.04, 0.15)]
         path.write_text("t,x,y\n" + "".join(f"{0.5 * k},{x},{y}\n" for k, (x, y) in enumerate(corners)))
         self.judged([table], "warning", "reference_overshoots", where="reference.path")
+
+    def arm(self, *values):
+        return self.check(Path(SCENES, "rr_line.toml"), *values)
+
+    def test_payload_of_an_arm_acts_at_its_effector(self):
+        """Held still: the weights times their levers."""
+        scene = ("mechanism.gravity=9.8", 'reference={type="hold"}', "initial={joints=[0.3, 0.7]}")
+        bare = self.arm(*scene)["margins"]["max_torque_nm"]
+        loaded = self.arm(*scene, 'effects=[{type="payload", mass=1.0}]')["margins"]["max_torque_nm"]
+        l1, l2 = 0.30, 0.25
+        outer = l2 * math.cos(1.0)
+        for i, more in enumerate((9.8 * (l1 * math.cos(0.3) + outer), 9.8 * outer)):
+            self.assertAlmostEqual(loaded[i] - bare[i], more, delta=1e-9)
 
     def test_what_we_hand_out_is_not_called_unfit(self):
         for scene in sorted(Path(SCENES).glob("*.toml")):
