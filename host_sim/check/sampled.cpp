@@ -16,7 +16,8 @@ namespace {
 struct Delay {
   double certain = 0.0;  ///< compute_delay and delay
   double bus = 0.0;      ///< from sample to torque at worst, with bit_timing
-  double lag = 0.0;      ///< of the drive's observer and of torque_lag, as a delay of slower signals
+  double lag = 0.0;      ///< of the drive's observer, as a delay of slower signals
+  double drive = 0.0;    ///< of torque_lag, likewise: its pole alone makes no implicit law ring
 };
 Delay delay_of(const Scene& s) {
   Delay d;
@@ -28,7 +29,7 @@ Delay delay_of(const Scene& s) {
   const auto noise = find_effect<SensorNoise>(s.effects);
   // Two poles at the bandwidth: each is late by its inverse.
   if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
-  if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
+  if (const auto e = find_effect<TorqueLag>(s.effects)) d.drive = e->time_constant * s.rate_hz;
   return d;
 }
 
@@ -44,7 +45,7 @@ double stiffness(const Scene& s) {
 
 /// If momentum is measured later than assumed, the observer oscillates from omega late = pi/2 on.
 void judge_observer(const Scene& s, const Delay& d, Findings& f) {
-  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0),
+  const double late = d.certain + d.lag + d.drive - s.delay_ticks.value_or(0.0),
                turn = s.disturbance_observer * late * s.tick();
   if (turn <= std::numbers::pi / 4.0) return;
   f.warning(
@@ -124,7 +125,8 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
         Code::gain_margin, "control.layer",
         "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}", is,
         most, d.certain, cure);
-  } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
+  } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag + d.drive));
+             kappa_t > allowed) {
     f.warning(Code::loop_margin, "control.layer", "{}, better below {:.2g}: {}", is, allowed, cure);
   }
 }

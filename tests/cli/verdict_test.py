@@ -181,6 +181,10 @@ class Verdicts(unittest.TestCase):
         for i, more in enumerate((9.8 * (l1 * math.cos(0.3) + outer), 9.8 * outer)):
             self.assertAlmostEqual(loaded[i] - bare[i], more, delta=1e-9)
 
+    def test_a_lag_is_no_delay(self):
+        found = {f["code"] for f in self.check(self.circle, "reference.join=0.3", 'effects=[{type="torque_lag", time_constant=0.003}]')["findings"]}
+        self.assertEqual(found & {"delay_untold", "loop_margin"}, set())
+
     def test_what_we_hand_out_is_not_called_unfit(self):
         for scene in sorted(Path(SCENES).glob("*.toml")):
             if "ESMC_SANITIZED" in os.environ and '"robust"' in scene.read_text(encoding="utf-8"):
