@@ -55,8 +55,9 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
   const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
     if (before != nullptr && before->id == m.id && before->extended == m.extended) {
-      f.warning(
-          Code::identifier_clash, "drives",
+      // With bit_timing the drives answer at the tick, all at once.
+      f.add(
+          find_effect<BitTiming>(s.effects) ? Level::error : Level::warning, Code::identifier_clash, "drives",
           "the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy each "
           "other; give each its own",
           before->name, m.name, m.id);
