@@ -55,8 +55,9 @@ void judge_bus(const Scene& s, const BusAnalysis& bus, Findings& f) {
   const BusAnalysis::Message* before = nullptr;
   for (const BusAnalysis::Message& m : bus.messages) {
     if (before != nullptr && before->id == m.id && before->extended == m.extended) {
-      f.warning(
-          Code::identifier_clash, "drives",
+      // With bit_timing the drives answer at the tick, all at once.
+      f.add(
+          find_effect<BitTiming>(s.effects) ? Level::error : Level::warning, Code::identifier_clash, "drives",
           "the frames \"{}\" and \"{}\" share the identifier 0x{:X}: sent at the same time they destroy each "
           "other; give each its own",
           before->name, m.name, m.id);
@@ -156,7 +157,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
-    judge_probe(v.margins, v.parts, v.findings);
+    judge_probe(scene, v.margins, v.parts, v.findings);
   }
   return v;
 }
@@ -190,7 +191,8 @@ Json report_json(const Scene& scene, const Judgement& v, const std::string& obst
                               {"growth_per_tick", p.growth},
                               {"max_error_m", p.error},
                               {"saturated_share", p.saturated},
-                              {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)}});
+                              {"fault", p.fault.empty() ? Json(nullptr) : Json(p.fault)},
+                              {"diverged_s", p.diverged ? Json(*p.diverged) : Json(nullptr)}});
   }
   j["findings"] = Json::array();
   for (const Finding& one : f.list()) {

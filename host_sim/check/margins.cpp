@@ -13,6 +13,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"
+#include "host_sim/record/verdict.hpp"
 
 namespace esmc::host {
 namespace {
@@ -74,6 +75,15 @@ void add_motion(const typename M::Pose& pose, const Vec2<double>& rates, Margins
   }
 }
 
+/// The state at a motion of the reference; empty: out of reach.
+template <class M>
+std::optional<Desired<M>> desired(const M& m, const typename M::Mode& mode, ReferenceSpace space,
+                                  const Motion2<double>& r) {
+  return space == ReferenceSpace::effector
+             ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
+             : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+}
+
 template <class World>
 class Follower {
  public:
@@ -109,13 +119,12 @@ class Follower {
       if (stop_requested()) throw Interrupted("interrupted");
       const double t = n * scene_.tick();
       const Motion2<double> r = reference_.at(n, scene_.tick());
-      const auto d = reference_.space == ReferenceSpace::effector
-                         ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
-                         : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+      const auto d = desired<M>(m, mode, reference_.space, r);
       if (!d) {
         out_.unreachable = fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", t);
         break;
       }
+      if (n == 0) add_start(mode, r, *d);
       add_motion<M>(d->pose, M::base(d->rates), out_);
       row_ = {t, d->pose.effector.x(), d->pose.effector.y()};
       for (int i = 0; i < 2; ++i) row_.push_back(M::base_angles(d->pose)[i]);
@@ -125,6 +134,14 @@ class Follower {
       if (scene_.type == MechanismType::five_bar) row_.push_back(M::abs_sin_type2(d->pose));
       if (log_.wanted()) log_.row(row_, "");
     }
+    const LegParams<double>& leg = scene_.mechanism.legs[0];
+    if (unit_share_ > 0.0) {
+      const double lever = reference_.space == ReferenceSpace::effector ? leg.l1 : 1.0;
+      out_.tick_speed = std::min(std::max(0.0, 1.0 - out_.share) * scene_.tick() / unit_share_,
+                                 0.1 * scene_.limits.joint_speed * lever);
+    }
+    out_.off_reference = scene_.reference.join.value_or(0.0) == 0.0 &&
+                         out_.start_off > std::max(error_share * out_.path(), 0.01 * (leg.l1 + leg.l2));
     return out_;
   }
 
@@ -132,10 +149,16 @@ class Follower {
   /// Forces on every channel, of all that acts on the mechanism or has to be moved.
   typename M::Channels forces(double t, const typename M::Pose& pose, const typename M::Rates& rates,
                               const typename M::Rates& acceleration) const {
-    const M& m = payload_ && t >= payload_->from && t < payload_->to ? loaded_ : controller_.mechanism;
+    const bool carries = payload_ && t >= payload_->from && t < payload_->to;
+    const M& m = carries ? loaded_ : controller_.mechanism;
     typename M::Channels a = m.channel_accelerations(pose, rates, acceleration);
     m.add_rotors(a);
     typename M::Channels w = m.force(a, rates);
+    if constexpr (!M::has_type2) {
+      // The payload moves the mass centre of the arm's bar, where the forces of its rows act.
+      const Vec2<double> torque = m.base_torque(pose, w);
+      if (carries) w << torque, Vec<double, M::channels - 2>::Zero();
+    }
     constexpr int first = M::has_type2 ? 2 : 0, legs = M::joints / 2, rows = (M::channels - first) / legs;
     const Vec<double, M::joints> joint = joints_of<M>(acceleration);
     for (std::size_t i = 0; i < rotor_.size(); ++i) {
@@ -156,6 +179,21 @@ class Follower {
       }
     }
     return w;
+  }
+
+  /// Where the scene starts from, and how much of the torque it takes to accelerate there.
+  void add_start(const typename M::Mode& mode, const Motion2<double>& r, const Desired<M>& d) {
+    const M& m = controller_.mechanism;
+    out_.start_off = (start_pose(scene_, m).effector - d.pose.effector).norm();
+    out_.start_speed = m.tip_rate(d.pose, d.rates).norm();
+    const auto force = [&](double acceleration) {
+      const Vec2<double> still = Vec2<double>::Zero(),
+                         a = Vec2<double>::Constant(acceleration / std::sqrt(2.0));
+      const auto at = desired<M>(m, mode, reference_.space, {r.position, still, a});
+      return forces(0.0, d.pose, at ? at->rates : d.rates, at ? at->acceleration : d.acceleration);
+    };
+    const typename M::Channels w = force(1.0) - force(0.0);
+    unit_share_ = design::share_of_limits(controller_, d.pose, w, design::effort(controller_, d.pose, w));
   }
 
   /// A jump of position or speed between two ticks is what their mean speed and mean acceleration leave over.
@@ -207,6 +245,14 @@ class Follower {
     }
     out_.short_ticks += short_of ? 1 : 0;
     ++out_.ticks;
+    if (scene_.law != LawChoice::pd) return;
+    Vec2<double> sag;  // of the base joints: what makes kp give the torque
+    for (int i = 0; i < 2; ++i) {
+      const auto joint = ControllerConfig<M>::joint_of(i, 2);
+      sag[i] = effort.torque[joint] / controller_.gains.independent.kp;
+    }
+    const M& m = controller_.mechanism;
+    out_.sag = std::max(out_.sag, m.tip_rate(pose, m.base_rates(pose, sag)).norm());
   }
 
   const Scene& scene_;
@@ -220,24 +266,23 @@ class Follower {
   std::vector<TorqueStage> drive_;  // per motor
   Motion2<double> last_;
   double acceleration_max_ = 0.0;
+  double unit_share_ = 0.0;  // of the torque limits, for an acceleration of 1 where the scene starts
   Margins out_;
   std::vector<double> row_;
 };
 
 }  // namespace
 
-std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick) {
+std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double least) {
   return with_world(scene, [&]<class World>(World) -> std::optional<Moment> {
     using M = typename World::Mechanism;
     const M m = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
     const auto bundle = make_reference(scene, Pacing::lockstep);
     Reference<double> reference = bundle.get();
     if (reference.kind == ReferenceKind::hold_start) reference.centre = start_pose(scene, m).effector;
-    const Motion2<double> r = reference.at(tick, scene.tick());
-    const auto mode = mode_of(scene, static_cast<M*>(nullptr));
-    const auto d = reference.space == ReferenceSpace::effector
-                       ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
-                       : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+    Motion2<double> r = reference.at(tick, scene.tick());
+    if (r.velocity.norm() < least) r.velocity.setConstant(least / std::sqrt(2.0));
+    const auto d = desired(m, mode_of(scene, static_cast<M*>(nullptr)), reference.space, r);
     if (!d) return std::nullopt;
     const Vec<double, M::joints> angle = M::angles(d->pose), rate = joints_of<M>(d->rates);
     Moment out{tick, {}, {}};

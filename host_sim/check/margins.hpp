@@ -1,6 +1,7 @@
 #pragma once
 /// What the reference of a scene asks of its mechanism and motors, tick by tick.
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -58,19 +59,28 @@ struct Margins {
   std::uint32_t ticks = 0, short_ticks = 0;  ///< followed; of them with less torque than needed
   std::vector<double> drive_short;           ///< largest torque that the drive cuts, per motor, N m; 0: none
   double speed_max = 0.0, speed_jump = 0.0, position_jump = 0.0,
-         jump_t = 0.0;      ///< of the reference: m or rad, per s; the largest jump of speed, and when, s
-  std::string unreachable;  ///< why the reference cannot be followed; empty: it can
+         jump_t = 0.0;         ///< of the reference: m or rad, per s; the largest jump of speed, and when, s
+  double start_off = 0.0;      ///< m, of the effector at the start from the reference
+  double start_speed = 0.0;    ///< m/s, of the reference there
+  bool off_reference = false;  ///< start_off is large, and no join leads onto the reference
+  double tick_speed = 0.0;     ///< of the reference, m/s or rad/s: what the torque left stops in a tick
+  double sag = 0.0;            ///< m, largest, of the effector under pd: the torques over kp
+  std::string unreachable;     ///< why the reference cannot be followed; empty: it can
+
+  /// Extent of the effector's path, m.
+  [[nodiscard]] double path() const { return std::max({0.0, x.high - x.low, y.high - y.low}); }
 };
 
 /// Of the start alone, which the controller guards like every later tick.
 Margins start_margins(const Scene& scene);
 
-/// The state on the reference, without join; empty: out of reach.
-std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick);
+/// The state on the reference, without join; empty: out of reach. Where the reference is slower than `least`,
+/// m/s or rad/s, the state moves on with that.
+std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double least = 0.0);
 
 /// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
-/// sample to torque at worst.
-[[nodiscard]] double torque_delay(const Scene& scene);
+/// sample to torque at worst, or as usual where that fits in a tick.
+[[nodiscard]] double torque_delay(const Scene& scene, bool usual = false);
 
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.
 std::vector<std::string> check_columns(const Scene& scene);

@@ -7,6 +7,7 @@
 
 #include "host_sim/check/check.hpp"
 #include "host_sim/check/margins.hpp"
+#include "host_sim/record/verdict.hpp"
 
 namespace esmc::host {
 namespace {
@@ -117,6 +118,37 @@ void judge_table(const Scene& s, const Margins& m, Findings& f) {
   }
 }
 
+/// A start that jumps onto the reference, and a law without a model.
+void judge_start_and_sag(const Scene& s, const Margins& m, Findings& f) {
+  if (m.off_reference) {
+    f.warning(
+        Code::reference_jumps, "reference.join",
+        "the start is {:.3g} mm off the reference: a jump that saturates the motors; reference.join (s) "
+        "leads onto it",
+        1e3 * m.start_off);
+  }
+  const LegParams<double>& leg = s.mechanism.legs[0];
+  const double size = m.path() > 0.0 ? m.path() : leg.l1 + leg.l2;
+  if (!(m.sag > error_share * size)) return;
+  f.add(m.sag > size ? Level::error : Level::warning, Code::not_followed, "control.kp",
+        "law = \"pd\" knows no weight: for the torques of the reference the effector has to be {:.3g} mm off "
+        "it; a larger control.kp, or a law with a model",
+        1e3 * m.sag);
+}
+
+/// Rigid stops in the way; soft ones as far as the motors may push into them.
+void judge_stops(const Scene& s, const Extent& angle, std::size_t i, bool start, Findings& f) {
+  const auto stops = find_effect<EndStops>(s.effects);
+  if (!stops || !angle.beyond({stops->lower[i], stops->upper[i]})) return;
+  const double depth = std::max(angle.high - stops->upper[i], stops->lower[i] - angle.low);
+  const bool yields = stops->stiffness && *stops->stiffness * depth <= s.torque_limit[i];
+  f.add(yields ? Level::warning : Level::error, Code::limit_crossed, "effects",
+        "base joint {} {}, {:.3g} rad beyond end_stops from {:g} to {:g}", i + 1,
+        start ? fmt::format("starts at {:.3g} rad", angle.low)
+              : fmt::format("spans [{:.3g}, {:.3g}] rad along the reference", angle.low, angle.high),
+        depth, stops->lower[i], stops->upper[i]);
+}
+
 /// Limits of the controller, at the start or along the reference.
 void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
   const auto least = [&](double v) {
@@ -144,6 +176,7 @@ void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
               start ? fmt::format("starts at {:.3g} rad", angle.low)
                     : fmt::format("spans [{:.3g}, {:.3g}] rad along the reference", angle.low, angle.high));
     }
+    judge_stops(s, angle, i, start, f);
     if (!(m.joint_speed[i] <= s.limits.joint_speed)) {
       f.error(Code::limit_crossed, "limits.joint_speed",
               "base joint {} {} at {:.3g} rad/s{}, limits.joint_speed = {}", i + 1,
@@ -183,6 +216,7 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
     judge_each(s, m, f);
   judge_drives(s, m, f);
   judge_table(s, m, f);
+  judge_start_and_sag(s, m, f);
   judge_gains(s, f);
   judge_stability(s, f);
 }

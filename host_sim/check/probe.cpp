@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware/safety/faults.hpp"
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/loop/run.hpp"
+#include "host_sim/plant/system.hpp"
 #include "host_sim/record/verdict.hpp"
 
 namespace esmc::host {
@@ -35,7 +37,7 @@ Scene part_of(const Scene& scene, const Moment& from, std::uint32_t ticks) {
   std::erase_if(s.effects, acts_on_bus);
   if (find_effect<BitTiming>(scene.effects)) {
     std::erase_if(s.effects, [](const Effect& e) { return std::holds_alternative<ComputeDelay>(e); });
-    s.effects.emplace_back(ComputeDelay{torque_delay(scene)});
+    s.effects.emplace_back(ComputeDelay{torque_delay(scene, true)});
   }
   if (s.accuracy) {
     const bool stiff = find_effect<JointFlexibility>(s.effects) || find_effect<Backlash>(s.effects);
@@ -77,6 +79,9 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, bool typical) {
   if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
   for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
   out.error = t.statistics.sums().effector.all().largest;
+  // A step that a scene leaves to the program is not its own.
+  if (!std::isfinite(t.end.q.front()) && (!s.whole || !s.whole->accuracy))
+    out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
   return out;
 }
 
@@ -86,8 +91,8 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
   const bool all = last <= join + probe_ticks;
   // The start, where the controller looks along the join; where the torque is largest; and what is typical.
-  constexpr std::uint32_t start = 20, worst = 40, before = 20, others = 4,
-                          each = (probe_ticks - start - worst) / others;
+  constexpr std::uint32_t worst = 40, before = 20, others = 4;
+  const std::uint32_t start = m.off_reference ? 20 + worst : 20, each = (probe_ticks - 20 - worst) / others;
   Scene first = scene;
   first.whole = std::make_shared<const Scene>(scene);
   first.duration = (all ? std::min(last, probe_ticks) : start) * scene.tick();
@@ -96,19 +101,53 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   // From a push a good loop recovers, with the torque that the reference leaves.
   const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
   const auto add = [&](std::uint32_t at, std::uint32_t ticks, bool typical) {
-    auto from = moment_at(scene, std::clamp(at, join + 1, last - ticks));
+    auto from = moment_at(scene, std::clamp(at, join + 1, last - ticks), typical ? m.tick_speed : 0.0);
     if (!from) return;
     for (double& rate : from->rate) rate *= typical ? push : 1.0;
     out.push_back(run_part(part_of(scene, *from, ticks), from->tick, typical));
   };
-  add(m.share_tick > before ? m.share_tick - before : 0, worst, false);
+  if (!m.off_reference) add(m.share_tick > before ? m.share_tick - before : 0, worst, false);
   for (std::uint32_t i = 0; i < others; ++i)
     add(join + static_cast<std::uint32_t>((2 * i + 1) * std::uint64_t{last - join} / (2 * others)), each,
         true);
   return out;
 }
 
-void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
+namespace {
+
+/// Parts that a fault ends, or whose integration does not hold.
+void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
+  const auto lost = std::ranges::find_if(parts, [](const ProbePart& p) { return p.diverged.has_value(); });
+  if (lost != parts.end()) {
+    f.error(Code::step_too_long, "simulation.step",
+            "simulated from t = {:.3f} s, the state is not finite from t = {:.3f} s on: a simulation.step "
+            "below {:g} s{} or simulation.accuracy",
+            lost->t, *lost->diverged, scene.step,
+            set_valued(scene.effects) ? "" : ", integrator = \"radau5\"");
+  }
+  for (const ProbePart& p : parts) {
+    if (p.fault.empty() || f.refused()) continue;
+    if (p.fault == name(Fault::join_infeasible)) {
+      // At rest onto a moving reference, a join of T seconds at speed v runs up over about 0.2 v T.
+      const double join = scene.reference.join.value_or(0.0);
+      f.error(Code::limit_crossed, "reference.join",
+              "the way onto the reference in reference.join = {:g} s takes more than the limits "
+              "(join_infeasible): {}",
+              join,
+              0.2 * m.start_speed * join > m.start_off
+                  ? "the run-up for the reference's speed grows with it; a shorter one, or 0"
+                  : "a longer one, or a start nearer to the reference");
+      continue;
+    }
+    f.error(Code::limit_crossed, m.off_reference ? "reference.join" : "limits",
+            "simulated from t = {:.3f} s, the loop ends in the fault {}{}", p.t, p.fault,
+            m.off_reference ? ": reference.join (s) leads onto the reference" : "");
+  }
+}
+
+}  // namespace
+
+void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   // Of a mean of few ticks less than the limit may be the limit.
   constexpr double ringing = 0.05, dying = 0.98;
   // Where the reference takes nearly all the torque, the way onto it may saturate for longer than a part.
@@ -135,13 +174,11 @@ void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings
             "simulated for {} ticks in {:g} places, the motors are saturated in {:.0f} % of the last third",
             ticks, count, 100.0 * saturated / count);
   }
-  for (const ProbePart& p : parts) {
-    if (p.fault.empty() || f.refused()) continue;
-    f.error(Code::limit_crossed, "limits", "simulated from t = {:.3f} s, the loop ends in the fault {}", p.t,
-            p.fault);
-  }
-  const double path = std::max(m.x.high - m.x.low, m.y.high - m.y.low);
-  if (f.refused() || parts.size() < 2 || !(path > 0.0) || parts[1].error <= error_share * path) return;
+  judge_ends(scene, m, parts, f);
+  const double path = m.path();
+  if (f.refused() || f.has(Code::not_followed) || parts.size() < 2 || !(path > 0.0) ||
+      parts[1].error <= error_share * path)
+    return;
   f.warning(Code::not_followed, "control",
             "simulated for {} ticks from t = {:.3f} s on the reference, the effector leaves it by {:.3g} mm, "
             "{:.0f} % of the path",

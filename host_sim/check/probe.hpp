@@ -3,6 +3,7 @@
 /// saturate?
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,18 +19,20 @@ inline constexpr std::uint32_t probe_ticks = 200;  ///< at most, of all parts to
 struct ProbePart {
   double t = 0.0;  ///< s, where it begins
   std::uint32_t ticks = 0;
-  bool typical = true;     ///< one of those whose mean is that of the run
-  double change = 0.0;     ///< mean change of torque per tick, as share of torque_limit, at the end
-  double growth = 1.0;     ///< of that change per tick
-  double saturated = 0.0;  ///< share of the ticks at the end
-  double error = 0.0;      ///< m, largest of the effector
-  std::string fault{};     ///< that ended it; empty: none
+  bool typical = true;               ///< one of those whose mean is that of the run
+  double change = 0.0;               ///< mean change of torque per tick, as share of torque_limit, at the end
+  double growth = 1.0;               ///< of that change per tick
+  double saturated = 0.0;            ///< share of the ticks at the end
+  double error = 0.0;                ///< m, largest of the effector
+  std::string fault{};               ///< that ended it; empty: none
+  std::optional<double> diverged{};  ///< s, from when on the state was not finite
 };
 
 /// Runs at most probe_ticks of a closed loop: its start, from where the torque is largest, and four places
-/// along the reference; a scene that is no longer than that as a whole.
+/// along the reference; a scene that is no longer than that as a whole. Of a start off the reference more is
+/// run, and nothing where the torque is largest.
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m);
 /// Adds findings on the loop as it ran.
-void judge_probe(const Margins& m, const std::vector<ProbePart>& parts, Findings& f);
+void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f);
 
 }  // namespace esmc::host

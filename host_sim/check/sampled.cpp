@@ -7,7 +7,9 @@
 #include <numbers>
 
 #include "host_sim/bus/response.hpp"
+#include "host_sim/bus/wire.hpp"
 #include "host_sim/controller/robust.hpp"
+#include "host_sim/plant/system.hpp"
 
 namespace esmc::host {
 namespace {
@@ -16,7 +18,8 @@ namespace {
 struct Delay {
   double certain = 0.0;  ///< compute_delay and delay
   double bus = 0.0;      ///< from sample to torque at worst, with bit_timing
-  double lag = 0.0;      ///< of the drive's observer and of torque_lag, as a delay of slower signals
+  double lag = 0.0;      ///< of the drive's observer, as a delay of slower signals
+  double drive = 0.0;    ///< of torque_lag, likewise: its pole alone makes no implicit law ring
 };
 Delay delay_of(const Scene& s) {
   Delay d;
@@ -28,7 +31,7 @@ Delay delay_of(const Scene& s) {
   const auto noise = find_effect<SensorNoise>(s.effects);
   // Two poles at the bandwidth: each is late by its inverse.
   if (encoder || noise) d.lag += 2.0 / (encoder ? encoder->bandwidth : noise->bandwidth) * s.rate_hz;
-  if (const auto e = find_effect<TorqueLag>(s.effects)) d.lag += e->time_constant * s.rate_hz;
+  if (const auto e = find_effect<TorqueLag>(s.effects)) d.drive = e->time_constant * s.rate_hz;
   return d;
 }
 
@@ -44,7 +47,7 @@ double stiffness(const Scene& s) {
 
 /// If momentum is measured later than assumed, the observer oscillates from omega late = pi/2 on.
 void judge_observer(const Scene& s, const Delay& d, Findings& f) {
-  const double late = d.certain + d.lag - s.delay_ticks.value_or(0.0),
+  const double late = d.certain + d.lag + d.drive - s.delay_ticks.value_or(0.0),
                turn = s.disturbance_observer * late * s.tick();
   if (turn <= std::numbers::pi / 4.0) return;
   f.warning(
@@ -56,10 +59,17 @@ void judge_observer(const Scene& s, const Delay& d, Findings& f) {
 
 }  // namespace
 
-double torque_delay(const Scene& s) {
+double torque_delay(const Scene& s, bool usual) {
   const auto late = find_effect<ComputeDelay>(s.effects);
-  const bool bus = find_effect<BitTiming>(s.effects).has_value();
-  return (late ? late->time : 0.0) + (bus ? analyse_bus(s).loop_s.value_or(s.tick()) : 0.0);
+  const double own = late ? late->time : 0.0;
+  if (!find_effect<BitTiming>(s.effects)) return own;
+  double bits = 0.0, foreign = 0.0;  // of a tick's loop, half of the stuff bits that there can be; of others
+  for (const BusMessage& m : bus_messages(s)) {
+    if (m.role != BusMessage::Role::other) bits += 0.5 * (m.least + interframe_bits + m.bits);
+    if (m.role == BusMessage::Role::other) foreign += m.bits / m.period;
+  }
+  const double mostly = bits / s.bitrate / std::max(1e-3, 1.0 - foreign);
+  return own + (usual && mostly < s.tick() ? mostly : analyse_bus(s).loop_s.value_or(s.tick()));
 }
 
 void judge_gains(const Scene& s, Findings& f) {
@@ -124,16 +134,17 @@ void judge_layer(const Scene& s, double stiffness, Findings& f) {
         Code::gain_margin, "control.layer",
         "{}, at most {:.2g}, half of what makes the loop ring by itself with a delay of {:.2g} ticks: {}", is,
         most, d.certain, cure);
-  } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag)); kappa_t > allowed) {
+  } else if (const double allowed = std::min(0.3, design::steepest(d.certain + d.lag + d.drive));
+             kappa_t > allowed) {
     f.warning(Code::loop_margin, "control.layer", "{}, better below {:.2g}: {}", is, allowed, cure);
   }
 }
 
 void judge_step(const Scene& s, Findings& f) {
   const auto stops = find_effect<EndStops>(s.effects);
-  const auto dry = find_effect<CoulombFriction>(s.effects);
-  const bool set_valued = (stops && !stops->stiffness) || (dry && dry->regularised == 0.0);
-  if (s.accuracy || set_valued || s.method == Method::radau5 || s.method == Method::moreau_jean) return;
+  const bool rigid = set_valued(s.effects);  // which replaces every method but one, and steps over springs
+  const Method method = rigid && s.method != Method::event_driven ? Method::moreau_jean : s.method;
+  if (s.accuracy || method == Method::radau5 || (rigid && method == Method::event_driven)) return;
   double inertia = std::numeric_limits<double>::infinity();  // about its own joint, of the lightest bar
   for (std::size_t j = 0; j < (s.type == MechanismType::five_bar ? 2U : 1U); ++j) {
     const LegParams<double>& leg = s.mechanism.legs[j];
@@ -148,8 +159,8 @@ void judge_step(const Scene& s, Findings& f) {
     f.warning(
         Code::step_too_long, "simulation.step",
         "{} swings at about {:.3g} rad/s: integration steps of {:.2g} s are too long for {}, take at most "
-        "{:.2g} s, integrator = \"radau5\" or simulation.accuracy",
-        what, omega, step, name(s.method), 0.5 / omega);
+        "{:.2g} s{} or simulation.accuracy",
+        what, omega, step, name(method), 0.5 / omega, rigid ? "" : ", integrator = \"radau5\"");
   };
   const auto gear = find_effect<JointFlexibility>(s.effects);
   if (gear) {

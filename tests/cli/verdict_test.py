@@ -3,6 +3,7 @@
 usage: verdict_test.py ESMC SCENES_DIR [unittest args]"""
 import csv
 import json
+import math
 import os
 import re
 import subprocess
@@ -166,6 +167,75 @@ class Verdicts(unittest.TestCase):
         corners = [(-0.04, 0.15), (0.04, 0.15), (0.04, 0.2), (-0.04, 0.2), (-0.04, 0.15)]
         path.write_text("t,x,y\n" + "".join(f"{0.5 * k},{x},{y}\n" for k, (x, y) in enumerate(corners)))
         self.judged([table], "warning", "reference_overshoots", where="reference.path")
+
+    def arm(self, *values):
+        return self.check(Path(SCENES, "rr_line.toml"), *values)
+
+    def named(self, found, level, code, where):
+        self.assertIn((level, code, where), {(f["level"], f["code"], f["where"]) for f in found["findings"]})
+
+    def test_payload_of_an_arm_acts_at_its_effector(self):
+        """Held still: the weights times their levers."""
+        scene = ("mechanism.gravity=9.8", 'reference={type="hold"}', "initial={joints=[0.3, 0.7]}")
+        bare = self.arm(*scene)["margins"]["max_torque_nm"]
+        loaded = self.arm(*scene, 'effects=[{type="payload", mass=1.0}]')["margins"]["max_torque_nm"]
+        l1, l2 = 0.30, 0.25
+        outer = l2 * math.cos(1.0)
+        for i, more in enumerate((9.8 * (l1 * math.cos(0.3) + outer), 9.8 * outer)):
+            self.assertAlmostEqual(loaded[i] - bare[i], more, delta=1e-9)
+
+    def test_a_step_that_does_not_hold_is_unfit(self):
+        gear = '{type="joint_flexibility", stiffness=1000, rotor_inertia=1e-4}'
+        found = self.arm("simulation.step=5e-4", f'effects=[{gear}, {{type="coulomb_friction", torque=[0.01, 0.01]}}]')
+        self.named(found, "error", "step_too_long", "simulation.step")
+        self.assertTrue(any(p["diverged_s"] is not None for p in found["simulated"]))
+        text = next(f["text"] for f in found["findings"] if f["level"] == "error" and f["code"] == "step_too_long")
+        self.assertIn("a simulation.step below 0.0005 s", text)
+        self.assertNotIn("radau5", text)  # dry friction replaces it
+
+    def test_a_reference_through_the_end_stops_is_unfit(self):
+        stops = 'effects=[{type="end_stops", lower=[-3, -3], upper=[%g, 3]%s}]'
+        self.judged(["reference.join=0.5", stops % (1.2, "")], "error", "limit_crossed", where="effects")
+        self.judged(["reference.join=0.5", stops % (1.35, ", stiffness=1.0")], "warning", "limit_crossed", where="effects")
+        self.assertNotIn("limit_crossed", {f["code"] for f in self.check(self.circle, "reference.join=0.5", stops % (1.5, ""))["findings"]})
+
+    def test_a_start_off_the_reference_is_told_of_join(self):
+        off = "initial={joints=[1.6, 1.6]}"
+        self.judged([off], "warning", "reference_jumps", where="reference.join")
+        self.judged(["initial={joints=[2.4, 2.6]}"], "error", "limit_crossed", where="reference.join")  # a fault after 30 ms
+        self.assertNotIn("reference_jumps", {f["code"] for f in self.check(self.circle, off, "reference.join=0.5")["findings"]})
+
+    def test_a_join_that_runs_up_too_far(self):
+        """A circle that is joined slowly from rest leads far off it: the longer, the further."""
+        for join, infeasible in ((0.3, False), (0.8, True), (2.0, True)):
+            run = json.loads(esmc("sim", self.circle, "--json", *sets(f"reference.join={join}", "simulation.duration=0.1")).stdout)
+            self.assertEqual("join_infeasible" in str(run["supervisor"]["faults"]), infeasible)
+            found = [f for f in self.check(self.circle, f"reference.join={join}")["findings"] if f["where"] == "reference.join"]
+            self.assertEqual([(f["level"], f["code"]) for f in found], [("error", "limit_crossed")] * infeasible)
+            self.assertTrue(all("a shorter one" in f["text"] for f in found), found)
+
+    def test_a_loop_that_rings_at_rest(self):
+        held = 'reference={type="hold", position=[0.02, 0.2]}'
+        late = 'effects=[{type="delay", ticks=2}]'
+        self.judged([held, late], "error", "loop_rings")
+        for good in ([held], [held, late, "control.delay_ticks=2"]):
+            self.assertNotEqual(self.check(self.circle, *good)["verdict"], "unfit", good)
+
+    def test_a_weak_pd_sags(self):
+        for kp, kd, level in ((3, 0.3, "error"), (10, 1, "warning"), (30, 2, "warning"), (300, 10, None)):
+            found = self.arm("control.law=pd", f"control.kp={kp}", f"control.kd={kd}")["findings"]
+            self.assertEqual([f["level"] for f in found if (f["code"], f["where"]) == ("not_followed", "control.kp")], [level] * (level is not None), kp)
+
+    def test_a_lag_is_no_delay(self):
+        found = {f["code"] for f in self.check(self.circle, "reference.join=0.3", 'effects=[{type="torque_lag", time_constant=0.003}]')["findings"]}
+        self.assertEqual(found & {"delay_untold", "loop_margin"}, set())
+
+    def test_a_bus_delays_as_it_mostly_does(self):
+        """What `hil` runs without chatter is not called ringing, and what it cannot run is unfit."""
+        timed, join = 'effects=[{type="bit_timing"}]', "reference.join=0.3"
+        for values in (["control.rate_hz=1200"], ["drives.protocol=cia402"], ["drives.protocol=mit", "drives.master_id=[16, 17]"]):
+            self.assertNotEqual(self.check(self.circle, join, timed, *values)["verdict"], "unfit", values)
+        self.judged([join, timed, "drives.protocol=mit"], "error", "identifier_clash")
 
     def test_what_we_hand_out_is_not_called_unfit(self):
         for scene in sorted(Path(SCENES).glob("*.toml")):
