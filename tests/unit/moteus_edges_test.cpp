@@ -167,5 +167,28 @@ TEST(MoteusEdges, LimitsAreRoundedUpToSteps) {
   }
 }
 
+TEST(MoteusEdges, ALimitHalfAStepOffIsAnotherOne) {
+  for (const auto& [factor, agrees] : {std::pair{1.5F, false}, {1.49F, true}, {0.5F, false}, {0.51F, true}}) {
+    Moteus m(0.01F);
+    m.make_wanted();
+    for (int i = 0; i < 2; ++i) {
+      m.hear({.mode = 10, .more = "2d25" + float_digits(factor * 0.01F) + "25270a00"});
+    }
+    EXPECT_EQ(m.axis.ready(), agrees) << factor;
+    EXPECT_EQ(m.axis.config_mismatch(), !agrees) << factor;
+  }
+}
+
+TEST(MoteusEdges, ADriveNeverHeardHasNoErrorAndIsAskedAgain) {
+  MoteusAxis axis;
+  EXPECT_FALSE(axis.error() || axis.must_be_released() || axis.ready() || axis.idle());
+  EXPECT_EQ(axis.error_code() + axis.last_error(), 0U);
+  for (int tick = 0; tick < 400; ++tick) {
+    int asked = 0;
+    axis.enable([&](const hal::CanFrame&) { return ++asked, true; });
+    EXPECT_EQ(asked, tick % 150 == 0 ? 1 : 0) << tick;
+  }
+}
+
 }  // namespace
 }  // namespace esmc::test
