@@ -190,5 +190,49 @@ TEST(MoteusEdges, ADriveNeverHeardHasNoErrorAndIsAskedAgain) {
   }
 }
 
+TEST(MoteusEdges, AReplyMayHaveItsRegistersInAnyOrder) {
+  const std::string motion = "2f01" + float_digits(0.25F) + float_digits(-0.5F) + float_digits(2.0F);
+  const auto r = drive::moteus::decode_reply(fd_frame(0x100, motion + "210f21 2500ff00"));
+  ASSERT_TRUE(r);
+  EXPECT_EQ(r->position, 0.25F);
+  EXPECT_EQ(r->velocity, -0.5F);
+  EXPECT_EQ(r->torque, 2.0F);
+  EXPECT_EQ(r->fault, 33.0F);
+  EXPECT_EQ(r->mode, 255.0F) << "the largest byte";
+  const std::string separate[] = {"21000a", "2d0100000000", "2d0200000000", "2d0300000000", "210f00"};
+  for (int missing = -1; missing < 5; ++missing) {
+    std::string digits;
+    for (int i = 0; i < 5; ++i) {
+      if (i != missing) digits += separate[i];
+    }
+    EXPECT_EQ(drive::moteus::decode_reply(fd_frame(0x100, digits)).has_value(), missing < 0) << missing;
+  }
+}
+
+TEST(MoteusEdges, RepliesOfSevenNodesHaveElevenBits) {
+  for (const std::uint8_t n :
+       {std::uint8_t{1}, std::uint8_t{6}, std::uint8_t{7}, std::uint8_t{8}, std::uint8_t{9}}) {
+    hal::IdFilters filters;
+    const MoteusAxis axis({.node = n}, {});
+    axis.add_filters(filters);
+    for (std::uint32_t id = 0; id < 0x800; ++id) {
+      bool heard = false;
+      for (const hal::IdFilter& f : filters.list()) heard = heard || f.matches({.id = id});
+      EXPECT_EQ(heard, id % 256 == n || (n < 8 && id == n * 256U)) << int{n} << ' ' << id;
+    }
+  }
+}
+
+TEST(MoteusEdges, LimitsThatNobodySetAreSmall) {
+  const MoteusAxis::Settings s;
+  EXPECT_EQ(s.torque_max, 1.0F);
+  EXPECT_EQ(s.watchdog, 0.01F);
+  EXPECT_TRUE(s.absolute);
+  EXPECT_EQ(s.retry_ticks, 150U);
+  const drive::moteus::Limits l;
+  EXPECT_EQ(l.torque, 1);
+  EXPECT_EQ(l.time, 1);
+}
+
 }  // namespace
 }  // namespace esmc::test
