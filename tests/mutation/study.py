@@ -33,7 +33,7 @@ import mutants
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 HERE = pathlib.Path(__file__).resolve().parent
 FOLDERS = {
-    "firmware/safety": ("safety", "supervisor"),
+    "firmware/safety": ("safety", "supervisor", "supervisor_edges"),
     "firmware/drive": ("drive_numbers", "cia402_table", "drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
                        "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis",
                        "moteus_codec", "moteus_axis", "id_filters", "drive_edges", "moteus_edges", "odrive_edges"),
