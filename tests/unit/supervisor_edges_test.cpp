@@ -1,12 +1,59 @@
-/// Time-outs of the supervisor, to the tick.
+/// Numbers of faults and states as they are sent and recorded, and time-outs of the supervisor to the tick.
 
 #include <gtest/gtest.h>
+
+#include <array>
 
 #include "firmware/safety/supervisor.hpp"
 
 namespace {
 
 using namespace esmc;
+
+/// A value is never given anew: docs/esmc.dbc and recordings have them.
+template <class E, std::size_t n>
+constexpr bool counted_from_zero(const std::array<E, n>& all) {
+  for (std::size_t i = 0; i < n; ++i) {
+    if (static_cast<std::size_t>(all[i]) != i) return false;
+  }
+  return true;
+}
+static_assert(counted_from_zero(std::array{Fault::none,
+                                           Fault::feedback_not_finite,
+                                           Fault::feedback_jump,
+                                           Fault::stale_feedback,
+                                           Fault::malformed_frame,
+                                           Fault::heartbeat_lost,
+                                           Fault::enable_open,
+                                           Fault::emergency_stop,
+                                           Fault::drive_error,
+                                           Fault::drive_disarmed,
+                                           Fault::bus_overload,
+                                           Fault::foreign_controller,
+                                           Fault::drive_configuration,
+                                           Fault::zero_not_confirmed,
+                                           Fault::torque_mismatch,
+                                           Fault::bus_off,
+                                           Fault::loop_not_closed,
+                                           Fault::type1_singularity,
+                                           Fault::type2_singularity,
+                                           Fault::working_mode,
+                                           Fault::workspace,
+                                           Fault::joint_speed,
+                                           Fault::joint_angle,
+                                           Fault::reference_unreachable,
+                                           Fault::sign_test,
+                                           Fault::join_infeasible,
+                                           Fault::command_lost,
+                                           Fault::halt_failed,
+                                           Fault::torque_not_finite,
+                                           Fault::tick_late,
+                                           Fault::enabling_timeout,
+                                           Fault::drives_not_confirmed}));
+static_assert(counted_from_zero(std::array{State::disabled, State::enabling, State::testing, State::running,
+                                           State::halting, State::holding, State::lowering, State::stopping,
+                                           State::fault}));
+static_assert(Supervisor::count_max == 65535);
 
 TEST(SupervisorEdges, TimeOutsThatNobodySetAreFiveThousandAndAThousandTicks) {
   Supervisor v;
