@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -108,6 +109,27 @@ TEST(TorqueFeedbackEdges, TheExpectedTorqueFollowsTheCommandByItsShareOfATick) {
   echo.commanded({0, 0, 8, 0});
   for (int n = 1; n <= 6; ++n) EXPECT_TRUE(echo.plausible(2, 3.5F));
   for (int n = 1; n <= 6; ++n) EXPECT_EQ(echo.plausible(1, 3.5F), n < 5) << "of another joint";
+}
+
+TEST(TorqueFeedbackEdges, FiveReportsInARowCount) {
+  const auto off = [](Echo& e, int n) {
+    bool good = true;
+    for (int i = 0; i < n; ++i) good = e.plausible(1, 1.0F) && e.plausible(1, std::nullopt) && good;
+    return good;
+  };
+  for (const bool forget : {false, true}) {
+    Echo e(0.5, 0, 1);
+    EXPECT_TRUE(off(e, 4));
+    if (forget) {
+      e.forget();
+    } else {
+      EXPECT_TRUE(e.plausible(1, 0.0F));
+    }
+    EXPECT_TRUE(off(e, 4)) << "begins anew";
+    EXPECT_FALSE(off(e, 1));
+  }
+  Echo none(0, 0, 1);
+  EXPECT_TRUE(off(none, 20)) << "nothing is compared";
 }
 
 // ---- zero
