@@ -422,10 +422,14 @@ struct Waited {
   std::vector<bool> setting_up;
   esmc::EnablingWait<3> wait;
   bool expired(std::uint32_t passed, std::uint32_t most) {
+    const int n = static_cast<int>(silent.size());
+    const auto known = [n](int i) {
+      EXPECT_LT(i, n) << "an axis that there is not";
+      return static_cast<unsigned>(i < n ? i : 0);
+    };
     return wait.expired(
-        static_cast<int>(silent.size()), passed, most,
-        [&](int i) { return silent[static_cast<unsigned>(i)]; },
-        [&](int i) { return setting_up[static_cast<unsigned>(i)]; });
+        n, passed, most, [&](int i) { return silent[known(i)]; },
+        [&](int i) { return setting_up[known(i)]; });
   }
 };
 
