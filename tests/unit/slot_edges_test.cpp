@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <vector>
 
 #include "firmware/link/parameter_slots.hpp"
@@ -10,6 +11,18 @@
 
 namespace esmc::test {
 namespace {
+
+// The table's indices are sent and stored.
+constexpr bool counted_from_zero(const std::array<Index, parameter_count>& all) {
+  for (unsigned i = 0; i < parameter_count; ++i) {
+    if (static_cast<unsigned>(all[i]) != i) return false;
+  }
+  return true;
+}
+static_assert(counted_from_zero({Index::lambda_position, Index::lambda_angle, Index::gain_position,
+                                 Index::gain_angle, Index::sample_time, Index::torque_limit_1,
+                                 Index::torque_limit_2, Index::joint_speed, Index::speed, Index::acceleration,
+                                 Index::stream_age, Index::silence}));
 
 using Memory = SlotMemory<2>;
 constexpr std::uint32_t ours = 0x89ABCDEFU, other = 1;
