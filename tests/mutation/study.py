@@ -119,6 +119,8 @@ class Bench:
 
     def open_templates(self, overlay):
         """Every test has the templates of the archive compiled anew."""
+        if not (self.root / ARCHIVE).exists():  # the self-test
+            return
         target = overlay / ARCHIVE
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(re.sub(r"^(ESMC_CONTROLLER\(extern template|extern template)[^;]*;", "", (self.root / ARCHIVE).read_text(), flags=re.M))
