@@ -69,13 +69,34 @@ class Planner {
 
   [[nodiscard]] const Piece& piece_at(double s) const { return Route<M>::piece_at(*stretch_, s); }
 
+  /// Refuses the way between s, which a guard lets pass, and `end`, where it does not, by the place where it
+  /// begins.
+  void refuse_from(double s, double end) {
+    for (int pass = 0; pass < 12; ++pass) {
+      const double middle = 0.5 * (s + end);
+      const auto at = route_.place(*stretch_, middle);
+      if (!at) return;
+      try {
+        guard_.check(at->at.pose, piece_at(middle).move);
+        s = middle;
+      } catch (const Refused&) {
+        end = middle;
+      }
+    }
+    guard_.check(route_.place(*stretch_, end)->at.pose, piece_at(end).move);
+  }
   /// Guards of the controller along the stretch.
   void check_way() {
     for (std::size_t i = 0; i < spots_.size(); ++i) {
-      const Spot<M>& spot = spots_[i];
-      if (!spot.at) continue;
-      guard_.check(spot.at->at.pose, spot.piece->move);
-      guard_.check_holding(spot.at->at.pose, spot.piece->move);
+      if (!spots_[i].at) continue;
+      const typename M::Pose& pose = spots_[i].at->at.pose;
+      try {
+        guard_.check(pose, spots_[i].piece->move);
+      } catch (const Refused&) {
+        if (i >= 2) refuse_from(spots_[i - 2].s, spots_[i].s);
+        throw;
+      }
+      guard_.check_holding(pose, spots_[i].piece->move);
     }
     for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) {
       if (guard_.changes_mode(i))
