@@ -17,10 +17,12 @@ class WayGuard {
  public:
   WayGuard(const Problem<M>& p, MotorLimits<M>& motors) : p_(p), motors_(motors), base_(p.start_base) {}
 
-  /// Throws Refused for a place of a move where the controller would raise a fault, or no torque holds.
-  void check(const Place<M>& place, std::size_t move) {
+  /// A stretch begins; rewind() leads back to there.
+  void begin() { from_ = base_; }
+  void rewind() { base_ = from_; }
+  /// Throws Refused for a pose of a move where the controller would raise a fault.
+  void check(const typename M::Pose& pose, std::size_t move) {
     const auto& c = p_.controller;
-    const auto& pose = place.at.pose;
     check_modes(pose, move);
     if (!c.limits.workspace_x.contains(pose.effector.x()) ||
         !c.limits.workspace_y.contains(pose.effector.y()))
@@ -34,8 +36,10 @@ class WayGuard {
                     fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
                                 place_text(pose.effector), k + 1, base_[k]));
     }
-    const Desired<M> rest{pose, M::Rates::Zero(), M::Rates::Zero()};
-    const Loads still = motors_.shares(rest, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
+  }
+  /// Throws Refused for a pose that no torque holds.
+  void check_holding(const typename M::Pose& pose, std::size_t move) const {
+    const Loads still = motors_.holding(pose);
     const auto most = std::max_element(still.begin(), still.end());
     if (*most < 1.0) return;
     throw Refused(
@@ -80,7 +84,7 @@ class WayGuard {
 
   const Problem<M>& p_;
   MotorLimits<M>& motors_;
-  Vec2<double> base_;  // rad, not wrapped
+  Vec2<double> base_, from_ = base_;  // rad, not wrapped
 };
 
 }  // namespace esmc::host::plan

@@ -74,22 +74,30 @@ class MotorLimits {
     return w;
   }
 
-  /// Largest share of the motors that a motion takes, of each load; the worst plant where there is
+  /// Loads of a motion: what a longer time leaves, friction included, and what falls with its square.
+  [[nodiscard]] std::pair<Loads, Loads> split(const M& m, const Desired<M>& d) const {
+    Channels rest = m.force(Channels::Zero().eval(), M::Rates::Zero());
+    if (rubs_) rest += friction(d.rates, p_.friction.viscous) + dry(d.rates);
+    return {loads(d.pose, rest), loads(d.pose, forces(m, d) - rest)};
+  }
+  /// Largest share of the motors that holding a pose takes, of each load; the worst plant where there is
   /// uncertainty.
-  [[nodiscard]] Loads shares(const Desired<M>& d, const Motion2<double>& tip) {
+  [[nodiscard]] Loads holding(const typename M::Pose& pose) {
     Loads out{};
-    const std::pair<Loads, Loads> less = reserve(d, tip);
-    const auto widen = [&](const M& m) {
-      const Loads l = loads(d.pose, forces(m, d));
+    const Desired<M> still{pose, M::Rates::Zero(), M::Rates::Zero()};
+    const std::pair<Loads, Loads> less =
+        reserve(still, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
+    for (const M* m : {p_.loaded ? &*p_.loaded : nullptr, &p_.controller.mechanism}) {
+      if (m == nullptr) continue;
+      const Loads l = loads(pose, m->force(Channels::Zero().eval(), M::Rates::Zero()));
       for (std::size_t i = 0; i < l.size(); ++i) {
         out[i] = std::max({out[i], l[i] - less.first[i], less.second[i] - l[i]});
         if (std::isnan(l[i])) out[i] = std::numeric_limits<double>::infinity();
       }
-    };
-    widen(p_.controller.mechanism);
-    if (p_.loaded) widen(*p_.loaded);
+    }
     return out;
   }
+  [[nodiscard]] bool rubs() const { return rubs_; }  ///< friction is planned for
 
   /// Adds the rows of the motors at a place; low, high: reserve().
   void add_rows(const Place<M>& at, const Loads& low, const Loads& high, std::vector<Row>& out) const {

@@ -52,6 +52,13 @@ CurvePoint Piece::point(double t) const {
   return out;
 }
 
+Vec2<double> Piece::position(double t) const {
+  if (kind != Kind::polynomial) return point(t).p;
+  Vec2<double> p = Vec2<double>::Zero();
+  for (std::size_t k = terms; k-- > 0;) p = p * (t / scale) + c[k];
+  return p;
+}
+
 Piece line(const Vec2<double>& from, const Vec2<double>& to) {
   Piece out;
   out.terms = 2;
@@ -128,7 +135,7 @@ Piece blend_between(const CurvePoint& a, const CurvePoint& b) {
     Vec2<double> last = a.p;
     constexpr int parts = 16;
     for (int i = 1; i <= parts; ++i) {
-      const Vec2<double> now = out.point(L * i / parts).p;
+      const Vec2<double> now = out.position(L * i / parts);
       sum += (now - last).norm();
       last = now;
     }
@@ -141,7 +148,7 @@ double deviation(const Piece& blend, const Vec2<double>& corner, const std::vect
   constexpr int parts = 64;
   double to_corner = 1e300, from_stubs = 0.0;
   for (int i = 0; i <= parts; ++i) {
-    const Vec2<double> p = blend.point(blend.end * i / parts).p;
+    const Vec2<double> p = blend.position(blend.end * i / parts);
     to_corner = std::min(to_corner, (p - corner).norm());
     double nearest = 1e300;
     for (std::size_t k = 0; k + 1 < stubs.size(); ++k)

@@ -38,6 +38,7 @@ struct Piece {
   [[nodiscard]] double length() const { return end - begin; }
   /// Point of a curve in the plane; of a joint piece base angles, rad.
   [[nodiscard]] CurvePoint point(double t) const;
+  [[nodiscard]] Vec2<double> position(double t) const;  ///< the same without its derivatives
 };
 
 [[nodiscard]] Piece line(const Vec2<double>& from, const Vec2<double>& to);

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "host_sim/plan/measure.hpp"
+#include "host_sim/plan/spots.hpp"
 
 namespace esmc::host::plan {
 namespace {
@@ -20,7 +21,12 @@ template <class M>
 class Planner {
  public:
   explicit Planner(const Problem<M>& p)
-      : p_(p), route_(p), motors_(p), guard_(p, motors_), measured_(p, route_, motors_) {}
+      : p_(p),
+        route_(p),
+        motors_(p),
+        guard_(p, motors_),
+        measured_(p, route_, motors_, guard_),
+        spots_(p, route_, motors_) {}
 
   Plan run() {
     out_.deviation = route_.deviation();
@@ -31,7 +37,7 @@ class Planner {
       rest_until(s.first, s.rest);
       stretch_ = &s;
       measured_.begin(s);
-      set_grid();
+      spots_.begin(s);
       check_way();
       const Timing timing = s.time ? in_time() : optimal();
       append(timing);
@@ -61,70 +67,41 @@ class Planner {
     out_.bound += rest;
   }
 
-  /// Points of the stretch: dense at rest, where time passes slowly along the path.
-  void set_grid() {
-    const auto& pieces = stretch_->pieces;
-    grid_.s.clear();
-    place_.clear();
-    piece_.clear();
-    for (std::size_t k = 0; k < pieces.size(); ++k) {
-      const Piece& piece = pieces[k];
-      const double share = piece.length() / stretch_->length;
-      const auto n = std::max<std::size_t>(
-          8, static_cast<std::size_t>((0.4 * share + 0.6 / static_cast<double>(pieces.size())) *
-                                      static_cast<double>(p_.grid)));
-      const bool begins = k == 0, ends = k + 1 == pieces.size();
-      for (std::size_t i = 0; i < n + (ends ? 1 : 0); ++i) {
-        const double x = static_cast<double>(i) / static_cast<double>(n);
-        double y = x;
-        if (begins && ends) {
-          y = x - 0.9 * std::sin(2.0 * std::numbers::pi * x) / (2.0 * std::numbers::pi);
-        } else if (begins) {
-          y = x * (0.1 + 0.9 * x);
-        } else if (ends) {
-          y = 1.0 - (1.0 - x) * (0.1 + 0.9 * (1.0 - x));
-        }
-        const double at = piece.at + y * piece.length();
-        if (!grid_.s.empty()) add_place(0.5 * (grid_.s.back() + at));
-        grid_.s.push_back(at);
-        add_place(at);
-      }
-    }
-    low_.assign(place_.size(), Loads{});
-    high_ = low_;
-  }
-
-  void add_place(double s) {
-    const auto at = route_.place(*stretch_, s);
-    const Piece& piece = piece_at(s);
-    if (!at)
-      refuse(piece.move, "to",
-             "leads out of reach at " + place_text(piece.point(piece.begin + s - piece.at).p));
-    place_.push_back(*at);
-    piece_.push_back(&piece);
-  }
   [[nodiscard]] const Piece& piece_at(double s) const { return Route<M>::piece_at(*stretch_, s); }
 
+  /// Refuses the way between s, which a guard lets pass, and `end`, where it does not, by the place where it
+  /// begins.
+  void refuse_from(double s, double end) {
+    for (int pass = 0; pass < 12; ++pass) {
+      const double middle = 0.5 * (s + end);
+      const auto at = route_.place(*stretch_, middle);
+      if (!at) return;
+      try {
+        guard_.check(at->at.pose, piece_at(middle).move);
+        s = middle;
+      } catch (const Refused&) {
+        end = middle;
+      }
+    }
+    guard_.check(route_.place(*stretch_, end)->at.pose, piece_at(end).move);
+  }
   /// Guards of the controller along the stretch.
   void check_way() {
-    for (std::size_t i = 0; i < place_.size(); ++i) guard_.check(place_[i], piece_[i]->move);
+    for (std::size_t i = 0; i < spots_.size(); ++i) {
+      if (!spots_[i].at) continue;
+      const typename M::Pose& pose = spots_[i].at->at.pose;
+      try {
+        guard_.check(pose, spots_[i].piece->move);
+      } catch (const Refused&) {
+        if (i >= 2) refuse_from(spots_[i - 2].s, spots_[i].s);
+        throw;
+      }
+      guard_.check_holding(pose, spots_[i].piece->move);
+    }
     for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) {
       if (guard_.changes_mode(i))
         refuse(i, "working_mode", "is not that at the end of the move, which is mechanism.working_mode");
     }
-  }
-
-  /// Rows of all points; `motors_only`: of the motors without reserve.
-  void set_rows(bool motors_only = false) {
-    grid_.rows.clear();
-    grid_.first.clear();
-    for (std::size_t i = 0; i < place_.size(); ++i) {
-      grid_.first.push_back(grid_.rows.size());
-      const Loads none{};
-      motors_.add_rows(place_[i], motors_only ? none : low_[i], motors_only ? none : high_[i], grid_.rows);
-      if (!motors_only) add_motion_rows(p_, *piece_[i], place_[i], grid_.rows);
-    }
-    grid_.first.push_back(grid_.rows.size());
   }
 
   /// The fastest timing with a share of each limit, point by point.
@@ -140,89 +117,99 @@ class Planner {
     grid_.rows = whole;
     return x;
   }
-  Squares solve(const Squares& start) {
+  Squares solve(const Squares& start, bool rough = false) {
     std::size_t blocked = 0;
-    auto x = fastest(grid_, start, blocked);
+    auto x = fastest(grid_, start, blocked, rough);
     if (x) return *x;
-    const std::size_t at = std::min(2 * blocked, place_.size() - 1);
-    refuse(piece_[at]->move, "to",
+    const Spot<M>& at = spots_[std::min(2 * blocked, spots_.size() - 1)];
+    refuse(at.piece->move, "to",
            fmt::format("no speed passes {}: the motors' torque within its limits, less what [uncertainty] "
                        "needs, does not "
                        "keep the mechanism on the way there",
-                       place_text(place_[at].tip.p)));
+                       place_text(at.at->tip.p)));
   }
 
   /// Reserve for the worst plant at every point, of the motion with x.
   void set_reserve(const std::vector<double>& x) {
-    for (std::size_t i = 0; i < place_.size(); ++i) {
-      low_[i] = high_[i] = Loads{};
+    for (std::size_t i = 0; i < spots_.size(); ++i) {
+      Loads least{}, most{};
       const double root = std::sqrt(0.5 * (x[i / 2] + x[(i + 1) / 2]));
       for (const std::size_t k : {(i - 1) / 2, i / 2}) {  // intervals before and after the place
         if (i == 0 || k + 1 == x.size()) continue;
         const double u = (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k]));
-        const Motion2<double> m = motion_at(place_[i].tip, {0.0, root, u});
+        const Motion2<double> m = motion_at(spots_[i].at->tip, {0.0, root, u});
         const auto d = measured_.desired(m);
         if (!d) continue;
         const auto [low, high] = motors_.reserve(*d, m);
         for (std::size_t j = 0; j < low.size(); ++j) {
-          low_[i][j] = std::min(low_[i][j], low[j]);
-          high_[i][j] = std::max(high_[i][j], high[j]);
+          least[j] = std::min(least[j], low[j]);
+          most[j] = std::max(most[j], high[j]);
         }
         if (i % 2 == 1) break;
       }
+      spots_.set_reserve(i, least, most);
     }
+    spots_.forget_rows();
   }
 
   Timing optimal() {
     Shares all;
     for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
-    std::vector<Shares> most(place_.size(), all);  // share of each limit that may be used, point by point
+    spots_.set_rows();
+    Squares x = solve({}, true);
+    for (int pass = 0; pass < refinements && spots_.refine(x); ++pass) {
+      spots_.set_rows();
+      x = solve(x, true);
+    }
+    x = solve(x);
+    std::vector<Shares> most(spots_.size(), all);  // share of each limit that may be used, spot by spot
     Timing timing;
-    Squares x;
     double share = 0.0;
     constexpr int passes = 12;
     constexpr double near = 1.005;  // of a limit: what is beyond is mended where it is, less by slowing all
-    set_rows();
     for (int pass = 0; pass < passes; ++pass) {
-      x = solve(most, x);
+      if (pass > 0 || p_.uncertain) x = solve(most, x);
       for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) {
         set_reserve(x.x);
-        set_rows();
+        spots_.set_rows();
         x = solve(most, x);
       }
       timing = Timing(grid_.s, x);
       if (p_.uncertain) timing.smooth(loop_ticks * p_.tick);
       limit_jerk(timing);
-      share = excess(timing);
+      share = measured_.take(timing);
+      // Where dry friction turns, a tick tells more than a parabola.
+      if (share <= near && motors_.rubs() && !p_.uncertain)
+        share = std::max(share, measured_.take_ticks(now_));
       if (share <= near) break;
       lower(most);
     }
     slow_down(timing, share);
     return timing;
   }
-  /// Stretches a timing until no share is above what is allowed; `share`: its excess().
+  /// Stretches a timing until no share is above what is allowed; `share`: its largest.
   void slow_down(Timing& timing, double share) {
-    double last_share = 0.0, last_square = 0.0;  // and 1 / duration^2, of the timing before
-    for (int pass = 0; pass < 100 && share > 1.0; ++pass) {
-      const double square = 1.0 / (timing.duration() * timing.duration()),
-                   slope = (last_share - share) / (last_square - square);
-      double factor = share;  // of 1 / duration^2, in which a share is linear: what holds the pose stays
-      if (pass > 0 && slope > 0.0) factor = 1.0 / std::max(0.1, 1.0 - (share - 1.0) / (slope * square));
-      last_share = share;
-      last_square = square;
-      timing.stretch(std::sqrt(std::clamp(factor, 1.0, 1.05) + spare()));
-      share = excess(timing);
+    for (int pass = 0; pass < 20; ++pass) {
+      if (share <= 1.0) share = measured_.take_ticks(now_);
+      if (share <= 1.0) break;
+      double factor = 1.0, last_share = 0.0, last_square = 0.0;  // and 1 / factor^2 of the last one
+      const double most = 1.0 - spare(share);
+      while (share > most && factor < 10.0) {
+        const double square = 1.0 / (factor * factor), slope = (last_share - share) / (last_square - square);
+        double less = most / share;  // of 1 / factor^2, in which a share is linear: what holds the pose stays
+        if (last_square > 0.0 && slope > 0.0) less = 1.0 - (share - most) / (slope * square);
+        last_share = share;
+        last_square = square;
+        factor /= std::sqrt(std::clamp(less, 0.9, 1.0 - 1e-9));
+        share = measured_.judge(factor);
+      }
+      timing.stretch(factor);
+      measured_.stretch(factor);
+      if (!measured_.scales()) share = measured_.take(timing);
     }
   }
-  /// Measures a timing: its largest share of what is allowed, 1 if that is not exceeded.
-  double excess(const Timing& timing) {
-    (void)measured_.take(timing);
-    double share = 1.0;
-    for (const Excess& e : measured_.excess()) share = std::max(share, e.share / measured_.allowed(e.kind));
-    return share;
-  }
-  /// What is taken beyond an excess: places between those that were measured may take a little more.
-  [[nodiscard]] double spare() const { return 10.0 / static_cast<double>(place_.size() * place_.size()); }
+  /// What is taken beyond an excess: a parabola between looks may miss a part of it.
+  static double spare(double share) { return std::clamp(0.2 * (share - 1.0), 0.0, 2e-4); }
   /// Takes from the places around every excess the share that was too much there.
   void lower(std::vector<Shares>& most) const {
     constexpr double least = 0.5;  // beyond that slower motion helps, not less torque
@@ -234,7 +221,7 @@ class Planner {
       const auto k = static_cast<std::size_t>(e.kind);
       const std::size_t first = 2 * index(e.from), last = std::min(2 * index(e.to), most.size() - 1);
       for (std::size_t i = first > 2 ? first - 3 : 0; i <= last; ++i) {
-        const double less = before[i][k] * measured_.allowed(e.kind) / (e.share * (1.0 + spare()));
+        const double less = before[i][k] * measured_.allowed(e.kind) / (e.share * (1.0 + spare(e.share)));
         most[i][k] = std::min(most[i][k], std::max(least, less));
       }
     }
@@ -242,12 +229,12 @@ class Planner {
 
   Timing in_time() {
     Timing timing = Timing::quintic(stretch_->length, *stretch_->time);
-    const double where = measured_.take(timing);
+    (void)measured_.take(timing);
     const Uses use = measured_.use();
     for (std::size_t k = 0; k < kinds; ++k) {
       for (std::size_t i = 0; i < use[k].size(); ++i) {
         if (use[k][i].share <= 1.0) continue;
-        const double s = timing.at(where).s;
+        const double s = timing.at(measured_.where()).s;
         const std::size_t move = piece_at(s).move;
         const double least = optimal().duration();
         refuse(move, "time",
@@ -335,14 +322,16 @@ class Planner {
     moving_ += timing.duration();
   }
   void add_bound(const Timing& timing) {
-    set_rows();
+    spots_.set(1.0);
+    spots_.set_rows();
     const std::vector<double> limits = speed_limits(grid_);
     for (std::size_t i = 0; i < limits.size(); i += 2) {
       if (limits[i] >= 0.0)
         out_.limit_curve.emplace_back(now_ + timing.time_of(grid_.s[i / 2]),
-                                      place_[i].tip.d1.norm() * std::sqrt(limits[i]));
+                                      spots_[i].at->tip.d1.norm() * std::sqrt(limits[i]));
     }
-    set_rows(true);
+    spots_.forget_rows();
+    spots_.set_rows(true);
     const Squares x = solve({});
     out_.bound += Timing(grid_.s, x).duration();
   }
@@ -353,10 +342,8 @@ class Planner {
   WayGuard<M> guard_;
   Measurement<M> measured_;
   const Stretch* stretch_ = nullptr;
-  Grid grid_;
-  std::vector<Place<M>> place_;      // points of the grid and the middles between them
-  std::vector<const Piece*> piece_;  // of each place
-  std::vector<Loads> low_, high_;    // reserve
+  Spots<M> spots_;
+  Grid& grid_ = spots_.grid();
   Plan out_;
   double now_ = 0.0, moving_ = 0.0;  // s
 };

@@ -189,22 +189,30 @@ class Route {
                       ? fmt::format("the legs cannot be closed on the way, at base joints {} rad", at)
                       : fmt::format("out of reach on the way, at {} m", at));
   }
+  /// The pose at a point of a curve, or at base angles.
+  [[nodiscard]] std::optional<typename M::Pose> pose_at(bool joint, const Vec2<double>& p) const {
+    const auto& c = p_.controller;
+    if (!joint) return c.mechanism.inverse(p, c.mode);
+    const auto e = estimate_from_base(c.mechanism, c.mode, p, Vec2<double>(0, 0));
+    return e ? std::optional(e->pose) : std::nullopt;
+  }
   /// Moves the present position to the end of a piece.
   void follow(const Piece& piece, const std::string& key) {
+    const bool joint = piece.kind == Piece::Kind::joint;
     const int parts = piece.straight() ? 16 : 32;
     double last = piece.begin;
     for (int k = 0; k <= parts; ++k) {
       const double t = piece.begin + piece.length() * k / parts;
-      const auto at = place(piece, t);
-      const Vec2<double> p = piece.point(t).p;
-      if (!at) refuse_end(piece, last, t, key);
+      const Vec2<double> p = piece.position(t);
+      const auto pose = pose_at(joint, p);
+      if (!pose) refuse_end(piece, last, t, key);
       last = t;
-      if (piece.kind == Piece::Kind::joint) {
+      if (joint) {
         base_ = p;
       } else {
-        unwrap(M::base_angles(at->at.pose));
+        unwrap(M::base_angles(*pose));
       }
-      tip_ = at->tip.p;
+      tip_ = joint ? pose->effector : p;
     }
   }
 
@@ -222,7 +230,9 @@ class Route {
   /// Points of a piece from t to `end`, ends included.
   void add_points(const Piece& piece, double t, double end, std::vector<Vec2<double>>& out) const {
     const int parts = piece.straight() ? 1 : 16;
-    for (int k = 0; k <= parts; ++k) out.push_back(curve(piece, t + (end - t) * k / parts).p);
+    for (int k = 0; k <= parts; ++k)
+      out.push_back(piece.kind == Piece::Kind::joint ? curve(piece, t + (end - t) * k / parts).p
+                                                     : piece.position(t + (end - t) * k / parts));
   }
 
   /// Puts a blend between the last piece of `before` and the first of `after`, as long as its deviation

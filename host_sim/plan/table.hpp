@@ -21,10 +21,12 @@ struct Knot {
   Motion2<double> before, after;
 };
 
-/// As few quintics as meet `motion(time)`, a Knot, at the breaks of a timing within 2e-3 of its largest
-/// acceleration and a micrometre. Their ends are its breaks, where they meet it with speed and acceleration.
-template <class F>
-[[nodiscard]] std::vector<TimedPiece> fit_quintics(const std::vector<double>& breaks, const F& motion) {
+/// As few quintics as meet `knot(time)` at the breaks of a timing, and `motion(time)` halfway between them,
+/// within 2e-3 of its largest acceleration and a micrometre. Their ends are its breaks, where they meet it
+/// with speed and acceleration.
+template <class K, class F>
+[[nodiscard]] std::vector<TimedPiece> fit_quintics(const std::vector<double>& breaks, const K& knot,
+                                                   const F& motion) {
   struct Node {
     double t;
     Knot at{};
@@ -32,10 +34,12 @@ template <class F>
   };
   constexpr double share = 2e-3, near = 1e-6;  // of acceleration; m
   std::vector<Node> nodes;
+  nodes.reserve(breaks.size());
   double most = 0.0;
   for (std::size_t i = 0; i < breaks.size(); ++i) {
-    const double t = breaks[i], next = i + 1 < breaks.size() ? breaks[i + 1] : t;
-    nodes.push_back({t, motion(t), motion(0.5 * (t + next)).after});
+    const double t = breaks[i];
+    nodes.push_back({t, knot(t), {}});
+    if (i + 1 < breaks.size()) nodes.back().middle = motion(0.5 * (t + breaks[i + 1]));
     most = std::max(most, nodes.back().at.after.acceleration.norm());
   }
   const double acceleration_scale = 1.0 / std::pow(share * most, 2), position_scale = 1.0 / (near * near);
@@ -44,7 +48,12 @@ template <class F>
                     (a.position - b.position).squaredNorm() * position_scale);
   };
   std::vector<TimedPiece> out;
-  std::vector<std::pair<std::size_t, std::size_t>> open{{0, nodes.size() - 1}};
+  std::vector<std::pair<std::size_t, std::size_t>> open;
+  std::size_t end = nodes.size() - 1;
+  for (std::size_t k = end; k-- > 0;) {  // a jump of acceleration is between two quintics
+    if (k > 0 && !(error(nodes[k].at.before, nodes[k].at.after) > 1.0)) continue;
+    open.emplace_back(k, std::exchange(end, k));
+  }
   while (!open.empty()) {
     const auto [i, j] = open.back();
     open.pop_back();
@@ -53,10 +62,8 @@ template <class F>
     double worst = 1.0;
     std::size_t split = i;
     for (std::size_t k = i; k < j; ++k) {
-      const double middle = error(q.at(0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
-      const Motion2<double> at = q.at(nodes[k].t - begin);
-      const double here =
-          k > i ? std::max({middle, error(at, nodes[k].at.before), error(at, nodes[k].at.after)}) : middle;
+      double here = error(q.at(0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
+      if (k > i) here = std::max(here, error(q.at(nodes[k].t - begin), nodes[k].at.after));
       if (here > worst) {
         worst = here;
         split = std::clamp(k, i + 1, std::max(i + 1, j - 1));

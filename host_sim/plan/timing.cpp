@@ -16,22 +16,26 @@ struct Bound {
 /// The u that a point and the next one allow, for every x of the point.
 class Step {
  public:
-  void clear(double low, double high) {
-    constexpr std::size_t usual = 16;
-    upper_.clear();
-    lower_.clear();
-    upper_.reserve(usual);
-    lower_.reserve(usual);
-    low_ = low;
+  /// Bounds are written from both ends of [first, last), which has room for all of them.
+  void clear(Bound* first, Bound* last, double high) {
+    upper_ = upper_end_ = first;
+    lower_ = lower_end_ = last;
+    low_ = 0.0;
     high_ = high;
-    next_ = none(-1.0);
+    least_ = -1e300;
+    most_ = 1e300;
+    next_ = {-1e300, 0.0, 0.0};
   }
   /// a u + b x <= c.
   void add(double a, double b, double c) {
     if (a > 0.0) {
-      upper_.push_back({c / a, -b / a, a});
+      const double r = 1.0 / a;
+      *upper_end_++ = {c * r, -b * r, a};
+      most_ = std::min(most_, c * r);
     } else if (a < 0.0) {
-      lower_.push_back({c / a, -b / a, -a});
+      const double r = 1.0 / a;
+      *--lower_ = {c * r, -b * r, -a};
+      least_ = std::max(least_, c * r);
     } else if (b > 0.0) {
       high_ = std::min(high_, c / b);
     } else if (b < 0.0) {
@@ -42,48 +46,64 @@ class Step {
   }
   /// x + w u >= next, in the place of the last of its kind.
   void set_next(double w, double next) { next_ = {next / w, -1.0 / w, w}; }
+  /// Whether at x = 0 some u is left.
+  [[nodiscard]] bool from_rest() const {
+    return low_ == 0.0 && high_ >= 0.0 && std::max(least_, next_.offset) <= most_;
+  }
   /// The largest u at x. Where rounding leaves none, that which exceeds the rows on both sides alike.
   [[nodiscard]] double most(double x) const {
     const Bound high = upper(x), low = lower(x);
     if (low.at(x) <= high.at(x)) return high.at(x);
     return (high.weight * high.at(x) + low.weight * low.at(x)) / (high.weight + low.weight);
   }
-  /// The largest (or smallest) x for which some u is left; negative: none.
-  [[nodiscard]] double end(bool largest) const {
+  /// The largest (or smallest) x for which some u is left; negative: none. `guess`: of the largest, or 0.
+  [[nodiscard]] double end(bool largest, double guess = 0.0) const {
     double x = largest ? high_ : low_;
+    bool guessed = guess > low_ && guess < high_;
+    if (guessed) x = guess;
     for (int pass = 0; pass < 100 && x >= low_ && x <= high_; ++pass) {
-      const Bound most = upper(x), least = lower(x);
-      const double gap = least.at(x) - most.at(x);
-      if (gap <= 1e-13 * (least.size(x) + most.size(x))) return x;
-      // The gap is convex in x, so that the zero of its tangent is not beyond the true one.
-      const double slope = least.slope - most.slope;
-      if (largest ? !(slope > 0.0) : !(slope < 0.0)) return -1.0;
-      x = (most.offset - least.offset) / slope;
+      const Bound& most = upper(x);
+      const Bound& least = lower(x);
+      const double gap = least.at(x) - most.at(x), slope = least.slope - most.slope;
+      if (gap <= 1e-13 * (least.size(x) + most.size(x))) {
+        if (!guessed) return x;
+        // The gap is convex in x: from a guess within, the zero of the tangent is not before the end.
+        x = slope > 0.0 ? std::min(high_, x - gap / slope) : high_;
+      } else if (largest ? slope > 0.0 : slope < 0.0) {
+        x -= gap / slope;  // from beyond, the zero of the tangent is not beyond the true one
+      } else {
+        if (!guessed) return -1.0;
+        x = high_;
+      }
+      guessed = false;
     }
     return -1.0;
   }
 
  private:
-  static Bound none(double sign) { return {sign * 1e300, 0.0, 0.0}; }
-  [[nodiscard]] Bound upper(double x) const { return tightest(upper_, none(1.0), x, 1.0); }
-  [[nodiscard]] Bound lower(double x) const { return tightest(lower_, next_, x, -1.0); }
-  static Bound tightest(const std::vector<Bound>& of, const Bound& other, double x, double sign) {
-    const Bound* best = &other;
-    double least = sign * other.at(x);
-    for (const Bound& b : of) {
-      const double now = sign * b.at(x);
-      if (now < least) {
-        least = now;
-        best = &b;
-      }
+  [[nodiscard]] const Bound& upper(double x) const {
+    const Bound* best = &none_;
+    double least = 1e300;
+    for (const Bound* b = upper_; b != upper_end_; ++b) {
+      if (b->at(x) < least) least = (best = b)->at(x);
     }
     return *best;
   }
-  std::vector<Bound> upper_, lower_;
+  [[nodiscard]] const Bound& lower(double x) const {
+    const Bound* best = &next_;
+    double most = next_.at(x);
+    for (const Bound* b = lower_; b != lower_end_; ++b) {
+      if (b->at(x) > most) most = (best = b)->at(x);
+    }
+    return *best;
+  }
+  static constexpr Bound none_{1e300, 0.0, 0.0};
+  Bound *upper_ = nullptr, *upper_end_ = nullptr, *lower_ = nullptr, *lower_end_ = nullptr;
   Bound next_;
-  double low_ = 0.0, high_ = 0.0;
+  double low_ = 0.0, high_ = 0.0, least_ = 0.0, most_ = 0.0;  // of x; of u at x = 0
 };
 
+constexpr double near_limit = 0.15;  ///< share of the range of u within which its limit rules
 constexpr double any_square = 1e12;  ///< where no row bounds x
 
 /// Rows with d folded into b and c: the tangent of sqrt(x) at `about`, which for d > 0 errs on the safe side.
@@ -105,38 +125,98 @@ std::vector<Row> straightened(const Grid& grid, const std::vector<double>& about
   return out;
 }
 
-/// Slope of u by s in every interval: of those to both neighbours the smaller one, 0 where they differ in
-/// sign. Where u jumps, the smooth side counts.
-std::vector<double> slopes(const std::vector<double>& s, const std::vector<double>& x) {
-  const std::size_t cells = s.size() - 1;
-  const auto u = [&](std::size_t i) { return (x[i + 1] - x[i]) / (2.0 * (s[i + 1] - s[i])); };
-  const auto right = [&](std::size_t i) { return (u(i + 1) - u(i)) / (0.5 * (s[i + 2] - s[i])); };
-  std::vector<double> out(cells, 0.0);
-  for (std::size_t i = 0; cells > 1 && i < cells; ++i) {
-    const double before = right(i > 0 ? i - 1 : 0), after = right(i + 1 < cells ? i : cells - 2);
-    if (before * after > 0.0) out[i] = std::abs(before) < std::abs(after) ? before : after;
+/// Motion through an interval, from v0 to v1 in dt: the acceleration begins with a and changes by j per s.
+struct Run {
+  double dt, a, j;
+  Run(double width, double v0, double v1, double slope) {
+    const double mean = 0.5 * (v0 + v1), most = mean * mean / width;
+    // Acceleration falls from u + half to u - half: mean dt + half dt^2 / 6 = width.
+    const double half = std::clamp(-0.5 * slope * width, -most, most);
+    dt = 2.0 * width / (mean + std::sqrt(mean * mean + 2.0 / 3.0 * half * width));
+    a = (v1 - v0) / dt + half;
+    j = -2.0 * half / dt;
+  }
+};
+
+/// What a run has beyond the constant u of its interval: of u at its begin, its middle and its end, and of x
+/// in the middle.
+struct Beyond {
+  double begin = 0.0, middle = 0.0, end = 0.0, square = 0.0;
+};
+std::vector<Beyond> beyond(const std::vector<double>& s, const Squares& of) {
+  std::vector<Beyond> out(s.size() - 1);
+  for (std::size_t i = 0; i + 1 < s.size(); ++i) {
+    const double width = s[i + 1] - s[i], v0 = std::sqrt(of.x[i]), v1 = std::sqrt(of.x[i + 1]),
+                 u = 0.5 * (of.x[i + 1] - of.x[i]) / width, square = 0.5 * (of.x[i] + of.x[i + 1]);
+    const Run run(width, v0, v1, of.slope[i]);
+    const double t = width / (v0 + std::sqrt(square)), v = v0 + t * (run.a + 0.5 * t * run.j);
+    out[i] = {run.a - u, run.a + run.j * t - u, run.a + run.j * run.dt - u, v * v - square};
   }
   return out;
 }
 
-/// One solution. `slope`: of u in every interval, from the solution before; it makes the constant u of an
+/// The least and the largest u that the rows of a place allow at x.
+std::array<double, 2> range_at(const Grid& grid, std::size_t place, double x) {
+  std::array<double, 2> out{-1e300, 1e300};
+  const double root = std::sqrt(x);
+  for (std::size_t k = grid.first[place]; k < grid.first[place + 1]; ++k) {
+    const Row& r = grid.rows[k];
+    if (r.a == 0.0) continue;
+    const double u = (r.c - r.b * x - r.d * root) / r.a;
+    out[r.a > 0.0 ? 1 : 0] = r.a > 0.0 ? std::min(out[1], u) : std::max(out[0], u);
+  }
+  return out;
+}
+
+/// Slope of u by s in every interval: where a limit of u rules, that of the limit. Elsewhere, of the slopes
+/// to both neighbours, the smaller one, 0 where they differ in sign: where u jumps, the smooth side counts.
+std::vector<double> slopes(const Grid& grid, const std::vector<double>& x) {
+  const std::vector<double>& s = grid.s;
+  const std::size_t cells = s.size() - 1;
+  const auto u = [&](std::size_t i) { return (x[i + 1] - x[i]) / (2.0 * (s[i + 1] - s[i])); };
+  const auto right = [&](std::size_t i) { return (u(i + 1) - u(i)) / (0.5 * (s[i + 2] - s[i])); };
+  std::vector<double> out(cells, 0.0);
+  std::array<double, 2> here = range_at(grid, 0, x[0]);
+  for (std::size_t i = 0; cells > 1 && i < cells; ++i) {
+    const double before = right(i > 0 ? i - 1 : 0), after = right(i + 1 < cells ? i : cells - 2);
+    if (before * after > 0.0) out[i] = std::abs(before) < std::abs(after) ? before : after;
+    const std::array<double, 2> next = range_at(grid, 2 * i + 2, x[i + 1]);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const double off = std::abs(u(i) - 0.5 * (here[k] + next[k])),
+                   width = std::min(here[1] - here[0], next[1] - next[0]);
+      if (off < near_limit * width) out[i] = (next[k] - here[k]) / (s[i + 1] - s[i]);
+    }
+    here = next;
+  }
+  return out;
+}
+
+/// One solution. `beyond`: of every interval, from the solution before; it makes the constant u of an
 /// interval the mean of one that changes, so that the error of the grid is of second order.
 class Pass {
  public:
-  explicit Pass(const Grid& grid) : grid_(grid), step_(grid.s.size() - 1) {}
+  explicit Pass(const Grid& grid)
+      : grid_(grid), step_(grid.s.size() - 1), low_(grid.s.size(), 0.0), high_(low_) {
+    std::size_t rows = 0;
+    for (std::size_t i = 0; i < step_.size(); ++i) rows += rows_of(i);
+    bounds_.resize(rows);
+  }
 
-  std::optional<std::vector<double>> run(const std::vector<Row>& rows, const std::vector<double>& slope,
+  std::optional<std::vector<double>> run(const std::vector<Row>& rows, const std::vector<Beyond>& beyond,
                                          std::size_t& blocked) {
     const std::size_t n = grid_.s.size() - 1;
-    low_.assign(n + 1, 0.0);
-    high_.assign(n + 1, 0.0);
+    Bound* last = bounds_.data() + bounds_.size();
     for (std::size_t i = n; i-- > 0;) {
-      set(i, rows, slope.empty() ? 0.0 : 0.5 * slope[i] * width(i));
+      step_[i].clear(last - rows_of(i), last, any_square);
+      last -= rows_of(i);
+      set(i, rows, beyond.empty() ? Beyond{} : beyond[i]);
+      const double guess =
+          high_[i] > 0.0 ? high_[i] : high_[i + 1];  // of the run before, or of the neighbour
       // From the fastest speed of all the next one may have to be 0: a little less leaves a way to go on.
       for (const double keep : {i + 1 < n && i > 0 ? 0.05 : 0.0, 0.0}) {
         step_[i].set_next(2.0 * width(i), std::max(low_[i + 1], keep * high_[i + 1]));
-        high_[i] = step_[i].end(true);
-        low_[i] = high_[i] >= 0.0 ? step_[i].end(false) : -1.0;
+        high_[i] = step_[i].end(true, guess);
+        low_[i] = !(high_[i] >= 0.0) ? -1.0 : step_[i].from_rest() ? 0.0 : step_[i].end(false);
         if (low_[i] == 0.0) break;
       }
       if (!(high_[i] >= 0.0) || !(low_[i] >= 0.0)) {
@@ -159,22 +239,27 @@ class Pass {
 
  private:
   [[nodiscard]] double width(std::size_t i) const { return grid_.s[i + 1] - grid_.s[i]; }
-  /// The rows between points i and i + 1; half: change of u from the middle to an end.
-  void set(std::size_t i, const std::vector<Row>& rows, double half) {
+  /// Of an interval: those of its ends and its middle, and that of the next point.
+  [[nodiscard]] std::size_t rows_of(std::size_t i) const {
+    return grid_.first[2 * i + 3] - grid_.first[2 * i] + 1;
+  }
+  /// The rows between points i and i + 1.
+  void set(std::size_t i, const std::vector<Row>& rows, const Beyond& more) {
     const double w = 2.0 * width(i);
     Step& step = step_[i];
-    step.clear(0.0, any_square);
     for (std::size_t k = grid_.first[2 * i]; k < grid_.first[2 * i + 1]; ++k)
-      step.add(rows[k].a, rows[k].b, rows[k].c + rows[k].a * half);
+      step.add(rows[k].a, rows[k].b, rows[k].c - rows[k].a * more.begin);
     for (std::size_t k = grid_.first[2 * i + 1]; k < grid_.first[2 * i + 2]; ++k)
-      step.add(rows[k].a + 0.5 * w * rows[k].b, rows[k].b, rows[k].c);
+      step.add(rows[k].a + 0.5 * w * rows[k].b, rows[k].b,
+               rows[k].c - rows[k].a * more.middle - rows[k].b * more.square);
     for (std::size_t k = grid_.first[2 * i + 2]; k < grid_.first[2 * i + 3]; ++k)
-      step.add(rows[k].a + w * rows[k].b, rows[k].b, rows[k].c - rows[k].a * half);
+      step.add(rows[k].a + w * rows[k].b, rows[k].b, rows[k].c - rows[k].a * more.end);
     step.add(w, 1.0, high_[i + 1]);
   }
 
   const Grid& grid_;
   std::vector<Step> step_;
+  std::vector<Bound> bounds_;
   std::vector<double> low_, high_;
 };
 
@@ -191,9 +276,10 @@ std::vector<double> speed_limits(const Grid& grid) {
   std::vector<double> out;
   Step step;
   for (std::size_t i = 0; i + 1 < grid.first.size(); ++i) {
+    std::vector<Bound> bounds(grid.first[i + 1] - grid.first[i]);
     double x = 0.0;
     for (int pass = 0; pass < 4; ++pass) {  // the tangent of sqrt(x) at the limit before
-      step.clear(0.0, any_square);
+      step.clear(bounds.data(), bounds.data() + bounds.size(), any_square);
       const double root = std::sqrt(std::max(x, 0.0));
       for (std::size_t k = grid.first[i]; k < grid.first[i + 1]; ++k) {
         const Row& r = grid.rows[k];
@@ -206,26 +292,29 @@ std::vector<double> speed_limits(const Grid& grid) {
   return out;
 }
 
-std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked) {
+std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked, bool rough) {
   const bool viscous = std::ranges::any_of(grid.rows, [](const Row& r) { return r.d != 0.0; });
   Squares out = start;
   Pass pass(grid);
-  double before = -1.0;
-  const int passes = viscous ? 12 : 5;
-  const double points = static_cast<double>(grid.s.size()), enough = std::max(1e-9, 0.3 / (points * points));
+  double before = start.empty() ? -1.0 : time_along(grid.s, start.x);
+  const int passes = rough ? (start.empty() ? 2 : 1) : viscous ? 12 : 5;
   for (int k = 0; k < passes; ++k) {
-    const std::vector<double> slope = out.empty() ? out.x : slopes(grid.s, out.x);
+    std::vector<Beyond> more;
+    if (!out.empty()) {
+      out.slope = slopes(grid, out.x);
+      more = beyond(grid.s, out);
+    }
     std::size_t at = 0;
-    auto better = viscous ? pass.run(straightened(grid, out.x), slope, at) : pass.run(grid.rows, slope, at);
+    auto better = viscous ? pass.run(straightened(grid, out.x), more, at) : pass.run(grid.rows, more, at);
     if (!better && k == 0) blocked = at;
-    if (!better && k == 0) return start.empty() ? std::nullopt : fastest(grid, {}, blocked);
+    if (!better && k == 0) return start.empty() ? std::nullopt : fastest(grid, {}, blocked, rough);
     if (!better) break;
-    out = {std::move(*better), slope};
+    out.x = std::move(*better);
+    out.slope.resize(grid.s.size() - 1, 0.0);
     const double now = time_along(grid.s, out.x);
-    if (std::abs(now - before) <= enough * now) break;
+    if (std::abs(now - before) <= grid.enough * now) break;
     before = now;
   }
-  if (out.slope.empty()) out.slope.assign(grid.s.size() - 1, 0.0);
   return out;
 }
 
@@ -234,14 +323,12 @@ Timing::Timing(const std::vector<double>& s, const Squares& of) : s_(s) {
   sum_ = t_;
   for (const double square : of.x) v_.push_back(std::sqrt(square));
   for (std::size_t i = 0; i + 1 < s.size(); ++i) {
-    const double width = s[i + 1] - s[i], mean = 0.5 * (v_[i] + v_[i + 1]), most = mean * mean / width;
-    // Acceleration falls from u + half to u - half: mean dt + half dt^2 / 6 = width.
-    const double half = std::clamp(-0.5 * of.slope[i] * width, -most, most);
-    const double dt = 2.0 * width / (mean + std::sqrt(mean * mean + 2.0 / 3.0 * half * width));
-    a_.push_back((v_[i + 1] - v_[i]) / dt + half);
-    j_.push_back(-2.0 * half / dt);
+    const Run run(s[i + 1] - s[i], v_[i], v_[i + 1], of.slope[i]);
+    const double dt = run.dt;
+    a_.push_back(run.a);
+    j_.push_back(run.j);
     t_[i + 1] = t_[i] + dt;
-    sum_[i + 1] = sum_[i] + dt * (s[i] + dt * (0.5 * v_[i] + dt * (a_[i] / 6.0 + dt * j_[i] / 24.0)));
+    sum_[i + 1] = sum_[i] + dt * (s[i] + dt * (0.5 * v_[i] + dt * (run.a / 6.0 + dt * run.j / 24.0)));
   }
 }
 
@@ -322,12 +409,15 @@ std::vector<double> Timing::breaks() const {
 }
 
 double Timing::time_of(double s) const {
-  double low = 0.0, high = duration();
-  for (int k = 0; k < 40; ++k) {
-    const double middle = 0.5 * (low + high);
-    (at(middle).s >= s ? high : low) = middle;
+  double low = 0.0, high = duration(), t = high;
+  for (int k = 0; k < 60 && high - low > 1e-12 * duration(); ++k) {
+    const State now = at(t);
+    (now.s >= s ? high : low) = t;
+    const double next = t - (now.s - s) / now.rate;  // Newton's step, where it stays within
+    if (now.rate > 0.0 && std::abs(next - t) < 1e-12 * duration()) break;
+    t = now.rate > 0.0 && next > low && next < high ? next : 0.5 * (low + high);
   }
-  return high;
+  return t;
 }
 
 }  // namespace esmc::host::plan

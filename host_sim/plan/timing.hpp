@@ -47,6 +47,7 @@ struct Grid {
   std::vector<double> s;           ///< points, ascending
   std::vector<Row> rows;           ///< place by place: point 0, middle after it, point 1, and so on
   std::vector<std::size_t> first;  ///< row of each place, and one more: their number
+  double enough = 1e-9;            ///< change of the time, as a share of it, with which iterations end
 };
 
 /// x at every point, 0 at both ends; and the slope of u by s between every two points.
@@ -57,7 +58,8 @@ struct Squares {
 
 /// The largest x, point by point: nothing where there is none. `start`: of rows that differ little, or empty.
 /// Sets `blocked` to the index of a point that no speed passes, where it fails.
-[[nodiscard]] std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked);
+[[nodiscard]] std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked,
+                                             bool rough = false);
 
 /// The largest x, place by place, for which the rows there leave some u: the limit curve of the speed.
 /// Viscous rows by tangents, so that it is a little low where they rule.

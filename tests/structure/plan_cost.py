@@ -9,8 +9,8 @@ import callgrind
 
 WANTED = 3.0  # million instructions per second of motion
 # Million instructions per second of motion: what was counted (2026-11-26), and a fifth.
-LIMITS = {"pick_and_place": 29, "four_motors": 65, "in_time": 2.2, "rectangle": 29, "rectangle_at_speed": 6.6, "arm": 18, "arm_with_friction": 25,
-          "joint_moves": 46}
+LIMITS = {"pick_and_place": 21, "four_motors": 31, "in_time": 1.9, "rectangle": 24, "rectangle_at_speed": 6.6, "arm": 7.2, "arm_with_friction": 17,
+          "joint_moves": 12}
 
 
 def planned(program, name, *grid):

@@ -139,13 +139,13 @@ TEST(Plan, LineUnderConstantAccelerationTakesTheClosedFormsTime) {
   p.moves = {move(MoveKind::line, 0.1, 0.17)};
   p.moves[0].acceleration = 3.0;
   const double exact = 2.0 * std::sqrt(0.2 / 3.0);
-  std::vector<double> error;
-  for (const std::size_t grid : {21U, 41U, 81U, 161U, 641U}) {  // odd: the switch is within an interval
+  for (std::size_t grid = 20; grid < 1300;
+       grid += 1 + grid / 20) {  // the switch falls anywhere in an interval
     p.grid = grid;
-    error.push_back(host::plan::plan(p).duration / exact - 1.0);
-    EXPECT_GE(error.back(), -1e-9);
+    const double error = host::plan::plan(p).duration / exact - 1.0;
+    EXPECT_GE(error, -1e-9) << grid;
+    EXPECT_LE(error, std::max(1e-8, 8.0 / static_cast<double>(grid * grid))) << grid;
   }
-  for (std::size_t i = 0; i + 2 < error.size(); ++i) EXPECT_LT(error[i + 1], 0.35 * error[i]);
   p.grid = 2001;
   EXPECT_NEAR(host::plan::plan(p).duration, exact, 1e-6 * exact);
   p.moves[0].speed = 0.5;  // reached after v / a, kept, and given up again
@@ -223,23 +223,12 @@ TEST(Plan, RoundedCornersKeepTheirDeviationAndNothingJumps) {
   expect_smooth(hook<Rr<double>>(), 0.008);
 }
 
-/// The same way, every time `factor` times as long.
-Plan stretched(Plan plan, double factor, double tick) {
-  for (auto& segment : plan.path) {
-    const double begin = factor * (segment.start_tick * tick - segment.offset),
-                 ticks = std::ceil(begin / tick - 1e-9);
-    segment.start_tick = static_cast<std::uint32_t>(ticks);
-    segment.offset = std::max(0.0, ticks * tick - begin);
-    segment.curve.duration *= factor;
-  }
-  plan.ticks = static_cast<std::uint32_t>(std::ceil(factor * plan.duration / tick));
-  return plan;
-}
 struct Tracked {
   double worst = 0.0;  // m
   int saturated = 0;   // ticks
 };
-Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan) {
+/// `mean`: of the acceleration over the coming tick, instead of that at its begin.
+Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan, bool mean) {
   const auto& c = p.controller;
   const host::FiveBarPlant plant(five_bar_example());
   const auto q = host::reach(five_bar_example(), {p.start.x(), p.start.y()}, {1, 1});
@@ -248,7 +237,9 @@ Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan) {
   const Reference<double> r = reference_of(plan);
   Tracked out;
   for (std::uint32_t n = 0; n < plan.ticks + 50; ++n) {
-    const auto t = track(c.mechanism, c.mode, plant.output(s), r.at(n, p.tick));
+    Motion2<double> m = r.at(n, p.tick);
+    if (mean) m.acceleration = (r.at(n + 1, p.tick).velocity - m.velocity) / p.tick;
+    const auto t = track(c.mechanism, c.mode, plant.output(s), m);
     out.worst = std::max(out.worst, Vec2<double>(t.desired_pose.effector - t.pose.effector).norm());
     const auto asked = demand(LawKind::esmc, c.mechanism, gains, Reaching::implicit, t).acceleration;
     Vec2<double> tau = c.mechanism.base_torque(t.pose, c.mechanism.force(asked, t.rates));
@@ -260,19 +251,22 @@ Tracked tracked(const Problem<FiveBar<double>>& p, const Plan& plan) {
   return out;
 }
 
-/// All of the torque leaves the loop nothing at a jump of acceleration; 7 %, as the plan keeps for
-/// [uncertainty], do.
-TEST(Plan, ReserveOfTheLoopTracksOptimalTimesLikeLongerOnes) {
+/// A torque holds for a tick. Where the acceleration jumps within it, that of its begin leads astray, that of
+/// its mean does not: then all of the torque tracks like a time 5 % longer.
+TEST(Plan, MeanOfTheTickTracksOptimalTimesLikeLongerOnes) {
   const auto p = hook<FiveBar<double>>();
-  const Tracked all = tracked(p, host::plan::plan(p));
-  EXPECT_GT(all.saturated, 0);
-  EXPECT_LE(all.worst, 2e-3);
+  const Plan plan = host::plan::plan(p);
+  const Tracked begin = tracked(p, plan, false), mean = tracked(p, plan, true);
+  EXPECT_GT(begin.saturated, 0);
+  EXPECT_LE(begin.worst, 2e-3);
   auto less = p;
-  less.controller.torque_limit *= 0.93;
-  const Plan plan = host::plan::plan(less);
-  const Tracked fast = tracked(p, plan), slow = tracked(p, stretched(plan, 1.05, p.tick));
-  EXPECT_LE(fast.worst, 2.0 * slow.worst);
-  EXPECT_LT(fast.saturated, all.saturated);
+  less.controller.torque_limit *= 0.91;
+  const Plan longer = host::plan::plan(less);
+  EXPECT_NEAR(longer.duration, 1.05 * plan.duration, 0.003 * plan.duration);
+  EXPECT_LE(mean.worst, 2.0 * tracked(p, longer, true).worst);
+  EXPECT_LT(5 * mean.saturated, begin.saturated);
+  less.controller.torque_limit = 0.99 * p.controller.torque_limit;
+  EXPECT_EQ(tracked(p, host::plan::plan(less), true).saturated, 0);
 }
 
 TEST(Plan, FourMotorsAreFasterThanTwo) {
