@@ -152,6 +152,20 @@ class Planner {
     spots_.forget_rows();
   }
 
+  /// With the reserve that the motion with x needs; where no speed leaves as much, that of a slower one.
+  Squares solve_with_reserve(const std::vector<Shares>& most, Squares x) {
+    for (int halvings = 0;; ++halvings) {
+      set_reserve(x.x);
+      spots_.set_rows();
+      try {
+        return solve(most, x);
+      } catch (const Refused&) {
+        if (halvings == 8) throw;
+      }
+      for (double& square : x.x) square *= 0.5;
+    }
+  }
+
   Timing optimal() {
     Shares all;
     for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
@@ -169,11 +183,7 @@ class Planner {
     constexpr double near = 1.005;  // of a limit: what is beyond is mended where it is, less by slowing all
     for (int pass = 0; pass < passes; ++pass) {
       if (pass > 0 || p_.uncertain) x = solve(most, x);
-      for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) {
-        set_reserve(x.x);
-        spots_.set_rows();
-        x = solve(most, x);
-      }
+      for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) x = solve_with_reserve(most, std::move(x));
       timing = Timing(grid_.s, x);
       if (p_.uncertain) timing.smooth(loop_ticks * p_.tick);
       limit_jerk(timing);
@@ -228,6 +238,9 @@ class Planner {
   }
 
   Timing in_time() {
+    constexpr double least_ticks = 4.0;  // in fewer the law sees nothing of a quintic
+    if (*stretch_->time < least_ticks * p_.tick)
+      refuse(stretch_->first, "time", fmt::format("{:g} s is less than four ticks", *stretch_->time));
     Timing timing = Timing::quintic(stretch_->length, *stretch_->time);
     (void)measured_.take(timing);
     const Uses use = measured_.use();

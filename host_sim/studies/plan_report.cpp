@@ -145,9 +145,11 @@ class PlanReport {
                          m["duration_s"].get<double>());
     }
     for (const Json& m : j["point_to_point"]) {
-      if (m["joint_s"].is_null()) continue;
-      out += fmt::format("move {}, rest to rest: line {:.4g} s, joint {:.4g} s\n", m["move"].get<int>(),
-                         m["line_s"].get<double>(), m["joint_s"].get<double>());
+      const auto time = [&](const char* key) {
+        return m[key].is_number() ? fmt::format("{:.4g} s", m[key].get<double>()) : "impossible";
+      };
+      out += fmt::format("move {}, rest to rest: line {}, joint {}\n", m["move"].get<int>(), time("line_s"),
+                         time("joint_s"));
     }
     return out;
   }
