@@ -128,9 +128,9 @@ void judge_start_and_sag(const Scene& s, const Margins& m, Findings& f) {
         1e3 * m.start_off);
   }
   const LegParams<double>& leg = s.mechanism.legs[0];
-  const double size = m.path() > 0.0 ? m.path() : leg.l1 + leg.l2;
-  if (!(m.sag > error_share * size)) return;
-  f.add(m.sag > size ? Level::error : Level::warning, Code::not_followed, "control.kp",
+  const double reach = leg.l1 + leg.l2;  // what sags further hangs
+  if (!(m.sag > error_share * (m.path() > 0.0 ? m.path() : reach))) return;
+  f.add(m.sag > reach ? Level::error : Level::warning, Code::not_followed, "control.kp",
         "law = \"pd\" knows no weight: for the torques of the reference the effector has to be {:.3g} mm off "
         "it; a larger control.kp, or a law with a model",
         1e3 * m.sag);

@@ -222,7 +222,7 @@ class Verdicts(unittest.TestCase):
             self.assertNotEqual(self.check(self.circle, *good)["verdict"], "unfit", good)
 
     def test_a_weak_pd_sags(self):
-        for kp, kd, level in ((3, 0.3, "error"), (10, 1, "warning"), (30, 2, "warning"), (300, 10, None)):
+        for kp, kd, level in ((2, 0.2, "error"), (10, 1, "warning"), (30, 2, "warning"), (300, 10, None)):
             found = self.arm("control.law=pd", f"control.kp={kp}", f"control.kd={kd}")["findings"]
             self.assertEqual([f["level"] for f in found if (f["code"], f["where"]) == ("not_followed", "control.kp")], [level] * (level is not None), kp)
 
