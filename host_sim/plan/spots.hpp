@@ -39,7 +39,7 @@ class Spots {
     limits_moves_ = false;
     for (std::size_t i = stretch.first; i <= stretch.last; ++i)
       limits_moves_ = limits_moves_ || p_.moves[i].speed || p_.moves[i].acceleration;
-    set(p_.uncertain ? 1.0 : first_share);  // the worst plant is not known between
+    set(p_.uncertain ? 3.0 : first_share);  // the worst plant is not known between
   }
   /// Points of the stretch: dense at rest, where time passes slowly along the path. `share`: of
   /// Problem::grid.
