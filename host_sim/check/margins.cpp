@@ -134,14 +134,7 @@ class Follower {
       if (scene_.type == MechanismType::five_bar) row_.push_back(M::abs_sin_type2(d->pose));
       if (log_.wanted()) log_.row(row_, "");
     }
-    const LegParams<double>& leg = scene_.mechanism.legs[0];
-    if (unit_share_ > 0.0) {
-      const double lever = reference_.space == ReferenceSpace::effector ? leg.l1 : 1.0;
-      out_.tick_speed = std::min(std::max(0.0, 1.0 - out_.share) * scene_.tick() / unit_share_,
-                                 0.1 * scene_.limits.joint_speed * lever);
-    }
-    out_.off_reference = scene_.reference.join.value_or(0.0) == 0.0 &&
-                         out_.start_off > std::max(error_share * out_.path(), 0.01 * (leg.l1 + leg.l2));
+    judge_way();
     return out_;
   }
 
@@ -194,6 +187,21 @@ class Follower {
     };
     const typename M::Channels w = force(1.0) - force(0.0);
     unit_share_ = design::share_of_limits(controller_, d.pose, w, design::effort(controller_, d.pose, w));
+  }
+
+  /// What the torque that the reference leaves does to speeds, and whether the start is too far off for it.
+  void judge_way() {
+    if (!(unit_share_ > 0.0)) return;
+    constexpr double quick = 0.1;  // s: a law is on the reference again before it counts
+    const LegParams<double>& leg = scene_.mechanism.legs[0];
+    const double reach = leg.l1 + leg.l2, acceleration = std::max(0.0, 1.0 - out_.share) / unit_share_;
+    const bool at_effector = reference_.space == ReferenceSpace::effector;
+    out_.tick_speed = std::min(acceleration * scene_.tick(),
+                               0.1 * scene_.limits.joint_speed * (at_effector ? leg.l1 : 1.0));
+    // From rest to rest in the shortest time: half of it each way.
+    const double jump = 2.0 * std::sqrt(out_.start_off / (acceleration * (at_effector ? 1.0 : reach)));
+    out_.off_reference = scene_.reference.join.value_or(0.0) == 0.0 && jump > quick &&
+                         out_.start_off > std::max(error_share * out_.path(), 0.01 * reach);
   }
 
   /// A jump of position or speed between two ticks is what their mean speed and mean acceleration leave over.
