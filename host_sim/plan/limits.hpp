@@ -69,14 +69,14 @@ class MotorLimits {
   [[nodiscard]] Channels forces(const M& m, const Desired<M>& d) const {
     Channels a = m.channel_accelerations(d.pose, d.rates, d.acceleration);
     m.add_rotors(a);
-    Channels w = m.force(a, M::Rates::Zero());
+    Channels w = forces_of(m, d.pose, a);
     if (rubs_) w += friction(d.rates, p_.friction.viscous) + dry(d.rates);
     return w;
   }
 
   /// Loads of a motion: what a longer time leaves, friction included, and what falls with its square.
   [[nodiscard]] std::pair<Loads, Loads> split(const M& m, const Desired<M>& d) const {
-    Channels rest = m.force(Channels::Zero().eval(), M::Rates::Zero());
+    Channels rest = forces_of(m, d.pose, Channels::Zero().eval());
     if (rubs_) rest += friction(d.rates, p_.friction.viscous) + dry(d.rates);
     return {loads(d.pose, rest), loads(d.pose, forces(m, d) - rest)};
   }
@@ -89,7 +89,7 @@ class MotorLimits {
         reserve(still, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
     for (const M* m : {p_.loaded ? &*p_.loaded : nullptr, &p_.controller.mechanism}) {
       if (m == nullptr) continue;
-      const Loads l = loads(pose, m->force(Channels::Zero().eval(), M::Rates::Zero()));
+      const Loads l = loads(pose, forces_of(*m, pose, Channels::Zero().eval()));
       for (std::size_t i = 0; i < l.size(); ++i) {
         out[i] = std::max({out[i], l[i] - less.first[i], less.second[i] - l[i]});
         if (std::isnan(l[i])) out[i] = std::numeric_limits<double>::infinity();
@@ -109,13 +109,13 @@ class MotorLimits {
     }
     const auto add = [&](const M& m) {
       const auto still = M::Rates::Zero();
-      const Channels weight = m.force(Channels::Zero().eval(), still);
+      const Channels weight = forces_of(m, d.pose, Channels::Zero().eval());
       Channels push = m.channel_accelerations(d.pose, still, d.rates);
       Channels bend = m.channel_accelerations(d.pose, d.rates, d.acceleration);
       m.add_rotors(push);
       m.add_rotors(bend);
-      const Loads a = loads(d.pose, m.force(push, still) - weight),
-                  b = loads(d.pose, m.force(bend, still) - weight), c = loads(d.pose, weight);
+      const Loads a = loads(d.pose, forces_of(m, d.pose, push) - weight),
+                  b = loads(d.pose, forces_of(m, d.pose, bend) - weight), c = loads(d.pose, weight);
       for (std::size_t i = 0; i < static_cast<std::size_t>(count()); ++i) {
         const double rest = c[i] + stick[i];
         out.push_back({a[i], b[i], viscous[i], 1.0 + low[i] - rest, LimitKind::torque});

@@ -98,6 +98,7 @@ BAD = [
     ("change of working mode", FIVE_BAR, ['move = "joint"\nto = [2.0, 0.5]\nworking_mode = ["-", "+"]'], ["reference.moves[1].working_mode"]),
     ("legs that do not close", FIVE_BAR, ['move = "joint"\nto = [0.0, 0.0]'], ["reference.moves[1].to", "cannot be closed"]),
     ("too fast", FIVE_BAR, [LINE + "\ntime = 0.02"], ["reference.moves[1].time", "motor", "optimal", "("]),
+    ("in a tick", FIVE_BAR, [LINE + "\ntime = 0.001"], ["reference.moves[1].time", "four ticks"]),
     ("faster than its speed", FIVE_BAR, [LINE + "\ntime = 1.0\nspeed = 0.1"], ["reference.moves[1].time", "speed"]),
     ("repeat elsewhere", FIVE_BAR, [LINE], ["reference.moves[1].to", "(0.08, 0.16)", "(-0.08, 0.16)"], "repeat = true"),
     ("through the stretched arm", ARM, ['move = "joint"\nto = [-0.5, -0.5]\nworking_mode = ["-"]'],
@@ -211,6 +212,26 @@ class Plan(unittest.TestCase):
         scene = self.scene(ARM + program(['move = "joint"\nto = [0.2, 1.2]', 'move = "line"\nto = [0.40, -0.10]'], "[0.40, -0.10]", "repeat = true"))
         self.plan(scene)
         self.assertEqual(esmc("sim", scene).returncode, 0)
+
+    def test_an_arm_carries_its_payload_at_the_effector(self):
+        text = ARM + program(['move = "line"\nto = [0.40, -0.10]\ntime = 5.0'], "[0.40, 0.10]") + '[[effects]]\ntype = "payload"\nmass = 0.4\n'
+        self.plan(self.scene(text), "--out", self.tmp / "out")
+        with open(self.tmp / "out" / "path.csv", encoding="utf-8", newline="") as file:
+            first = next(csv.DictReader(file))
+        a, b = float(first["theta1"]), float(first["theta1"]) + float(first["theta2"])  # at rest: weights and their levers, by hand
+        outer = 9.8 * (0.8 * 0.11 + 0.4 * 0.25) * math.cos(b)
+        inner = outer + 9.8 * (1.2 * 0.15 + 0.8 * 0.30 + 0.4 * 0.30) * math.cos(a)
+        got = [float(first[k]) for k in first if k.startswith("tau")]
+        for value, want in zip(got, (inner, outer), strict=True):
+            self.assertAlmostEqual(value, want, delta=1e-6)
+
+    def test_reserves_of_slow_motion_are_tried(self):
+        """Where the reserve of the fastest motion leaves no torque that of a slower one does; a move that no line makes is no error."""
+        j = self.plan(Path(SCENES, "five_bar_pick_and_place.toml"), "--set", "uncertainty={payload=[0,0.2]}")
+        self.assertGreater(j["margin"]["torque"], 0.0)
+        scene = self.scene(ARM + program(['move = "line"\nto = [0.2, 0.45]\nacceleration = 10.0'], "[0.40, -0.10]") + "[uncertainty]\npayload = [0.0, 0.2]\n")
+        run = esmc("plan", scene)
+        self.assertEqual((run.returncode, run.stderr), (0, ""))
 
     def test_without_a_start_the_program_begins_where_it_ends(self):
         text = FIVE_BAR + program([LINE, 'move = "line"\nto = [-0.05, 0.17]']).replace("from = [-0.08, 0.16]\n", "")
