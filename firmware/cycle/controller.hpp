@@ -97,8 +97,8 @@ class Controller {
   }
 
   /// sample -> estimate -> guards. Pose and rates are valid without a fault.
-  Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose,
-                typename M::Rates& rates, TickResult<M>& out) {
+  ESMC_INLINE Fault observe(const Sample<M>& measured, const Limits<S>& limits, typename M::Pose& pose,
+                            typename M::Rates& rates, TickResult<M>& out) {
     Vec<S, M::joints> angle;
     Fault wrong = Fault::none;
     const bool from_base = config_.sensors == Sensors::base || M::joints == 2;
@@ -136,6 +136,13 @@ class Controller {
     }
     out.effector = pose.effector;
     return guard(limits, guarded(pose, closure, base_angle, base_rate));
+  }
+
+  /// For ticks without the law, as limit_apart().
+  [[gnu::cold, gnu::noinline]] Fault observe_apart(const Sample<M>& measured, TickResult<M>& out) {
+    typename M::Pose pose;
+    typename M::Rates rates;
+    return observe(measured, config_.limits, pose, rates, out);
   }
 
   /// `acted`: the law has computed sliding variables.
@@ -466,9 +473,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
       out.torque.setZero();
     }
   } else {  // the effector is reported in every state; while enabling the guards must hold too
-    typename M::Pose pose;
-    typename M::Rates rates;
-    const Fault fault = observe(measured, config_.limits, pose, rates, out);
+    const Fault fault = observe_apart(measured, out);
     out.nothing_desired();
     if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
   }

@@ -30,18 +30,19 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3083, 0},
-    {"esmc_projected", 2928, 0},
-    {"smc", 2863, 0},
-    {"ctc", 2822, 0},
-    {"pd", 2411, 0},
-    {"super_twisting", 2298, 3256},
-    {"implicit_coupled", 11115, 5792},
-    {"elbow_rotors", 200, 280},
-    {"momentum_observer", 1797, 3592},
-    {"predictor", 3982, 3752},
-    {"closure_projection", 2592, 2432},
-    {"four_motors", 4322, 9632},
+    {"esmc", 3100, 0},
+    {"esmc_projected", 2948, 0},
+    {"smc", 2882, 0},
+    {"ctc", 2841, 0},
+    {"pd", 2430, 0},
+    {"super_twisting", 2311, 4944},
+    {"implicit_coupled", 11127, 7480},
+    {"elbow_rotors", 213, 1968},
+    {"motor_map", 203, 2200},
+    {"momentum_observer", 1810, 5280},
+    {"predictor", 3995, 5440},
+    {"closure_projection", 2576, 4112},
+    {"four_motors", 4316, 11320},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {

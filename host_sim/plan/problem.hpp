@@ -48,8 +48,9 @@ struct Problem {
   std::optional<design::Problem<M>> uncertain;     ///< torque is left for the worst plant of it
 };
 
-/// Forces that accelerations v of the channels of `m` take, without friction. Of an arm on its joint rows, which
-/// are the same for every load: a payload moves the mass centre of the outer bar, where the other rows act.
+/// Forces that accelerations v of the channels of `m` take, without friction. Of an arm on its joint rows,
+/// which are the same for every load: a payload moves the mass centre of the outer bar, where the other rows
+/// act.
 template <class M>
 [[nodiscard]] typename M::Channels forces_of(const M& m, const typename M::Pose& pose,
                                              const typename M::Channels& v) {

@@ -182,7 +182,8 @@ TEST(LinkEdges, BoundsThemselvesAreAccepted) {
   }
 }
 
-/// At 1 m/s and 10 m/s2, 1 ms apart and one more on the way: 2 mm and 0.02 m/s, each and a unit.
+/// At 1 m/s and 10 m/s2, 1 ms apart and ten more that samples may have waited: 11 mm and 0.11 m/s, each and a
+/// unit.
 TEST(LinkEdges, SamplesAwayFromZeroMayMoveAsFarAsTheLimit) {
   const auto second = [](int dx, int dy, int dvx, int dvy) {
     LinkBench b;
@@ -192,14 +193,14 @@ TEST(LinkEdges, SamplesAwayFromZeroMayMoveAsFarAsTheLimit) {
     return b.outcomes[1];
   };
   for (const int sign : {1, -1}) {
-    EXPECT_EQ(second(sign * 2'000, 0, 0, 0), Outcome::obeyed);
-    EXPECT_EQ(second(0, sign * 2'000, 0, 0), Outcome::obeyed);
-    EXPECT_EQ(second(0, 0, sign * 2'000, 0), Outcome::obeyed);
-    EXPECT_EQ(second(0, 0, 0, sign * 2'000), Outcome::obeyed);
-    EXPECT_EQ(second(sign * 2'003, 0, 0, 0), Outcome::refused);
-    EXPECT_EQ(second(0, sign * 2'003, 0, 0), Outcome::refused);
-    EXPECT_EQ(second(0, 0, sign * 2'003, 0), Outcome::refused);
-    EXPECT_EQ(second(0, 0, 0, sign * 2'003), Outcome::refused);
+    EXPECT_EQ(second(sign * 11'000, 0, 0, 0), Outcome::obeyed);
+    EXPECT_EQ(second(0, sign * 11'000, 0, 0), Outcome::obeyed);
+    EXPECT_EQ(second(0, 0, sign * 11'000, 0), Outcome::obeyed);
+    EXPECT_EQ(second(0, 0, 0, sign * 11'000), Outcome::obeyed);
+    EXPECT_EQ(second(sign * 11'003, 0, 0, 0), Outcome::refused);
+    EXPECT_EQ(second(0, sign * 11'003, 0, 0), Outcome::refused);
+    EXPECT_EQ(second(0, 0, sign * 11'003, 0), Outcome::refused);
+    EXPECT_EQ(second(0, 0, 0, sign * 11'003), Outcome::refused);
   }
 }
 
