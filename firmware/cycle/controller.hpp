@@ -43,7 +43,8 @@ class Controller {
                    {wraps(config, 0), wraps(config, 1)}, config.guide_jerk_ticks),
         path_rate_(config.guide_acceleration, config.sample_time),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
-        uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr) {}
+        uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr ||
+                     config.correct != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
   /// 1 + joint of the encoder that last explained, alone, a gap above limits.closure; 0: none yet, no `fuse`.
@@ -162,8 +163,6 @@ class Controller {
       out.nothing_desired();
       return fault;
     }
-    if (uses_memory_) [[unlikely]]
-      out.effector = t.pose.effector;  // a predictor has moved it
     out.desired_effector = t.desired_pose.effector;
     M::base_directions(t.desired_pose, out.desired_direction);
     if (state == State::lowering) {
@@ -173,12 +172,9 @@ class Controller {
       apply_law(t, out);
       if (run && running_tick_ < config_.ramp_ticks) ramp_torque(t.pose, out);
     }
-    if (config_.correct != nullptr) [[unlikely]]
-      config_.correct(config_, measured, MotorTorque::given_to_asked, out.torque);
-    fault = limit(out);
     if (uses_memory_) [[unlikely]]
-      keep(measured, out, !out.saturated && (!run || running_tick_ >= config_.ramp_ticks));
-    return fault;
+      return limit_with_parts(measured, t, !run || running_tick_ >= config_.ramp_ticks, out);
+    return limit(out);
   }
 
   // Functions that never run under the law are cold: compiled for size, and not copied to a board's fast
@@ -380,11 +376,18 @@ class Controller {
     }
   }
 
-  /// The parts' memory is of torques that the motors give.
-  [[gnu::cold]] void keep(const Sample<M>& measured, const TickResult<M>& out, bool as_asked) {
+  /// What optional parts add to limit(): their memory is of torques that the motors give. `whole`: without
+  /// ramp.
+  [[gnu::cold, gnu::noinline]] Fault limit_with_parts(const Sample<M>& measured, const Tracking<M>& t,
+                                                      bool whole, TickResult<M>& out) {
+    out.effector = t.pose.effector;  // a predictor has moved it
+    if (config_.correct != nullptr)
+      config_.correct(config_, measured, MotorTorque::given_to_asked, out.torque);
+    const Fault fault = limit(out);
     Vec<S, M::joints> given = out.torque;
     if (config_.correct != nullptr) config_.correct(config_, measured, MotorTorque::asked_to_given, given);
-    memory_.keep(given, as_asked);
+    memory_.keep(given, !out.saturated && whole);
+    return fault;
   }
 
   /// For what runs without the law: the tick has the only copy that must be fast.

@@ -324,7 +324,7 @@ class Cycle {
   }
 
   /// Of a passive encoder only samples count.
-  [[gnu::noinline]] bool enabling_expired(std::uint32_t passed) {
+  [[gnu::cold, gnu::noinline]] bool enabling_expired(std::uint32_t passed) {
     return wait_.expired(
         axis_count_, passed, waiting_ticks_max_,
         [this](int i) {

@@ -62,7 +62,7 @@ class Homing {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     resting_ = within(rate[0], S(2) * slow(0)) && within(rate[1], S(2) * slow(1));
     if (!resting_ && ++brake_ticks_ > std::max<std::uint32_t>(4 * halt_ticks_, 40)) return Fault::halt_failed;
-    constexpr S share(0.05F);
+    constexpr S share = S(0.05F);
     for (int j = 0; j < 2; ++j) {
       const S against = -config_.damping[j] * (share / config_.share) * rate[j];  // the model in 5 ticks
       // The torque that friction took is let go, that which carries a weight is not.

@@ -30,19 +30,19 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3100, 0},
-    {"esmc_projected", 2948, 0},
-    {"smc", 2882, 0},
-    {"ctc", 2841, 0},
-    {"pd", 2430, 0},
-    {"super_twisting", 2311, 3256},
-    {"implicit_coupled", 11127, 5792},
-    {"elbow_rotors", 213, 280},
-    {"motor_map", 203, 512},
-    {"momentum_observer", 1810, 3592},
-    {"predictor", 3995, 3752},
-    {"closure_projection", 2576, 2424},
-    {"four_motors", 4316, 9632},
+    {"esmc", 3097, 0},
+    {"esmc_projected", 2941, 0},
+    {"smc", 2877, 0},
+    {"ctc", 2836, 0},
+    {"pd", 2425, 0},
+    {"super_twisting", 2350, 3416},
+    {"implicit_coupled", 11167, 5952},
+    {"elbow_rotors", 247, 448},
+    {"motor_map", 594, 680},
+    {"momentum_observer", 1844, 3760},
+    {"predictor", 4029, 3920},
+    {"closure_projection", 2581, 2592},
+    {"four_motors", 4316, 9800},
     // <!-- /costs mps2-an386 -->
 };
 inline constexpr Cost costs_double[] = {

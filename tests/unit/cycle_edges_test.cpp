@@ -181,7 +181,7 @@ struct Joints {
 };
 using Signs = esmc::SignTest<Joints>;
 using Verdict = Signs::Verdict;
-constexpr double share = double{0.05F};  // as the float of the code
+constexpr double share = static_cast<double>(0.05F);  // as the float of the code
 
 /// Runs a test whose joints move as told: `motion(motor, u)` from the start of a motor's test, u = time in
 /// halves; returns the pulses that were given.
