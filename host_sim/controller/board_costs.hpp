@@ -47,19 +47,19 @@ inline constexpr Cost costs_float[] = {
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4102, 0},
-    {"esmc_projected", 3770, 0},
-    {"smc", 3560, 0},
-    {"ctc", 3515, 0},
-    {"pd", 2888, 0},
-    {"super_twisting", 2809, 3216},
-    {"implicit_coupled", 11221, 4968},
-    {"elbow_rotors", 213, 280},
-    {"motor_map", 244, 672},
-    {"momentum_observer", 2721, 3584},
-    {"predictor", 5314, 3048},
+    {"esmc", 4066, 0},
+    {"esmc_projected", 3734, 0},
+    {"smc", 3525, 0},
+    {"ctc", 3480, 0},
+    {"pd", 2874, 0},
+    {"super_twisting", 2850, 3216},
+    {"implicit_coupled", 11259, 4968},
+    {"elbow_rotors", 250, 280},
+    {"motor_map", 670, 672},
+    {"momentum_observer", 2757, 3584},
+    {"predictor", 5352, 3048},
     {"closure_projection", 2988, 1912},
-    {"four_motors", 4166, 9224},
+    {"four_motors", 4185, 9224},
     // <!-- /costs mps2-an500 -->
 };
 
