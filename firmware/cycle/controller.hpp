@@ -39,8 +39,8 @@ class Controller {
         reference_(config.reference, config.join_ticks, config.sample_time),
         stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
-        setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time,
-                   {wraps(config, 0), wraps(config, 1)}, config.guide_jerk_ticks),
+        setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time, wraps(config),
+                   config.guide_jerk_ticks),
         path_rate_(config.guide_acceleration, config.sample_time),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
         uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr ||
@@ -79,9 +79,14 @@ class Controller {
  private:
   /// Set points of a base joint go round the shorter way, unless it has a limit: within that there is one
   /// way.
-  static bool wraps(const ControllerConfig<M>& c, unsigned joint) {
-    const Range<S>& r = c.limits.joint_angle[joint];
-    return c.reference.space == ReferenceSpace::base_joints && r.upper - r.lower > S(2) * S(std::numbers::pi);
+  static std::array<bool, 2> wraps(const ControllerConfig<M>& c) {
+    std::array<bool, 2> out{};
+    for (unsigned i = 0; i < 2; ++i) {
+      const Range<S>& r = c.limits.joint_angle[i];
+      out[i] =
+          c.reference.space == ReferenceSpace::base_joints && r.upper - r.lower > S(2) * S(std::numbers::pi);
+    }
+    return out;
   }
   /// Checks the sample of a joint; `angle`: at constant speed, when the torque of this tick acts.
   ESMC_INLINE Fault accept(int joint, const Sample<M>& measured, const Limits<S>& limits, S& angle) const {

@@ -346,6 +346,32 @@ Setup<Five> all_encoders() {
   for (int i = 0; i < 2; ++i) s.zero_pose[2 * i + 1] = at[static_cast<std::size_t>(i)];
   return s;
 }
+/// By itself: on both stops it goes on to press on them, and a brake judges the speed as well.
+TEST(HomingByItself, PressesOnAndJudgesTheSpeedOfABrake) {
+  HomingConfig<double> c;
+  c.speed = {-0.4, 0.4};
+  c.torque = {0.3, 0.3};
+  c.damping = {0.08, 0.08};
+  c.travel = 2.0;
+  c.share = 0.01;
+  esmc::Homing<double> homing(c, 1e-3, 100);
+  Vec2<double> torque;
+  EXPECT_EQ(homing.brake({9.0, 0.0}, torque), Fault::joint_speed);
+  homing.reset();
+  Vec2<double> angle = Vec2<double>::Zero();
+  for (int n = 0; n < 3000 && !homing.done(); ++n) {
+    Vec2<double> rate = Vec2<double>::Zero();
+    const int moves = n < 200 ? 0 : (n > 450 && n < 750 ? 1 : -1);
+    if (moves >= 0) rate[moves] = c.speed[moves];
+    angle += rate * 1e-3;
+    ASSERT_EQ(homing.step(angle, rate, torque), Fault::none) << n;
+  }
+  ASSERT_TRUE(homing.done());
+  for (int n = 0; n < 10; ++n) ASSERT_EQ(homing.step(angle, Vec2<double>::Zero(), torque), Fault::none);
+  EXPECT_LT(torque[0], -0.29);
+  EXPECT_GT(torque[1], 0.29);
+}
+
 TEST(HomingWithAllEncoders, ShowsTheAssemblyModeAndAStopThatIsNone) {
   const auto ends_in = [](double side, double obstacle) {
     Bench<Five> b(all_encoders());

@@ -169,6 +169,7 @@ TEST(Link, AStreamEndsWithASetPointOrHold) {
     b.run();
     b.tick(b.sample(0, 170'000, 0, 0));
     b.tick({end == 1 ? b.desk.pair(Desk::point, 0, 170'000) : b.desk.order(Desk::hold)});
+    if (end == 0) b.tick({b.desk.order(Desk::hold)});  // once more
     for (int i = 0; i < 20; ++i) {
       EXPECT_FALSE(b.tick(b.sample(0, 170'000, 0, 0)).has_sample);
       EXPECT_EQ(b.outcomes[1], Outcome::refused);

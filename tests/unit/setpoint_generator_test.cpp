@@ -109,6 +109,25 @@ TEST(SetpointGenerator, ALateSampleIsJoined) {
   }
 }
 
+TEST(SetpointGenerator, ASampleFarOffIsJoinedInAnyDirection) {
+  for (const V& away : {V(5e-3, 0), V(-5e-3, 0), V(0, 5e-3), V(0, -5e-3)}) {
+    auto g = generator(0.5, 5.0);
+    g.start(V(0, 0), V(0, 0));
+    for (int n = 0; n < 3; ++n) {
+      g.follow(V(0, 0), V(0, 0));
+      g.advance();
+    }
+    for (int n = 0; n < 200; ++n) {
+      const V before = g.at().position;
+      g.follow(away, V(0, 0));
+      EXPECT_LT((g.at().position - before).norm(), 1e-15);
+      g.advance();
+      EXPECT_LT((g.at().position - before).norm(), 0.5 * h);
+    }
+    EXPECT_LT((g.at().position - away).norm(), 1e-12);
+  }
+}
+
 /// Of an angle with a limit there is one way, of one without the shorter.
 TEST(SetpointGenerator, AnAngleWithALimitDoesNotGoRound) {
   for (const bool limited : {false, true}) {
