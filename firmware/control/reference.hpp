@@ -114,12 +114,28 @@ struct Reference {
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
   /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.
-  [[nodiscard, gnu::noinline]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
+  [[nodiscard, gnu::cold]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     return motion(tick, sample_time);
   }
   /// The same between ticks.
   [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at(const TickTime& t, S sample_time) const {
     return motion(t, sample_time);
+  }
+  /// What to follow with a torque that holds for a tick: as at(), but along a path the acceleration is the
+  /// mean until the next tick. Where it jumps in between, that of the beginning would lead astray.
+  [[nodiscard, gnu::noinline]] Motion2<S> from(std::uint64_t tick, S sample_time) const {
+    Motion2<S> m = motion(tick, sample_time);
+    if (kind == ReferenceKind::path && !path.empty())
+      m.acceleration = (along_path(tick + 1, sample_time).velocity - m.velocity) * (S(1) / sample_time);
+    return m;
+  }
+  /// The same between ticks.
+  [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> from(const TickTime& t, S sample_time) const {
+    Motion2<S> m = at(t, sample_time);
+    if (kind == ReferenceKind::path)
+      m.acceleration =
+          (at({t.tick + 1, t.fraction}, sample_time).velocity - m.velocity) * (S(1) / sample_time);
+    return m;
   }
 
  private:
@@ -247,7 +263,7 @@ class JoinedReference {
   void join(const Vec2<S>& position, const Vec2<S>& velocity) {
     if (reference_.kind == ReferenceKind::hold_start) reference_.centre = position;
     if (join_ticks_ == 0) return;
-    const Motion2<S> m = reference_.at(0, sample_time_);
+    const Motion2<S> m = reference_.from(0, sample_time_);
     Motion2<S> offset{position - m.position, velocity - m.velocity, -m.acceleration};
     if (reference_.space == ReferenceSpace::base_joints) {
       offset.position = Vec2<S>(wrap_to_pi(offset.position[0]), wrap_to_pi(offset.position[1]));
@@ -258,7 +274,7 @@ class JoinedReference {
   template <class Time, class Ticks>
   [[nodiscard]] ESMC_INLINE Motion2<S> motion(const Time& time, std::uint64_t tick,
                                               const Ticks& ticks) const {
-    Motion2<S> m = reference_.at(time, sample_time_);
+    Motion2<S> m = reference_.from(time, sample_time_);
     if (tick < join_ticks_) {
       const S t = ticks() * sample_time_;
       add(m, join_.at(t));

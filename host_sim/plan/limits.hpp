@@ -20,6 +20,15 @@ inline constexpr const char* kind_text[] = {
   return {tip.p, tip.d1 * s.rate, tip.d2 * (s.rate * s.rate) + tip.d1 * s.acceleration};
 }
 
+/// rest + per_u u + per_x x of a motion along the path, with x = s'^2 and u = s''.
+struct Affine {
+  double rest = 0.0, per_u = 0.0, per_x = 0.0;
+};
+/// What the worst plant takes beyond the believed one at a place, of each load: tangents at a motion, to
+/// convex functions of the motion.
+struct Reserve {
+  std::array<Affine, 4> low{}, high{};
+};
 /// Loads of the motors as shares of what they can give. Two motors: each one's torque. Four: the force across
 /// each side of the polygon of forces that they give together.
 using Loads = std::array<double, 4>;
@@ -99,8 +108,8 @@ class MotorLimits {
   }
   [[nodiscard]] bool rubs() const { return rubs_; }  ///< friction is planned for
 
-  /// Adds the rows of the motors at a place; low, high: reserve().
-  void add_rows(const Place<M>& at, const Loads& low, const Loads& high, std::vector<Row>& out) const {
+  /// Adds the rows of the motors at a place.
+  void add_rows(const Place<M>& at, const Reserve& less, std::vector<Row>& out) const {
     const Desired<M>& d = at.at;
     Loads viscous{}, stick{};
     if (rubs_) {
@@ -118,8 +127,11 @@ class MotorLimits {
                   b = loads(d.pose, forces_of(m, d.pose, bend) - weight), c = loads(d.pose, weight);
       for (std::size_t i = 0; i < static_cast<std::size_t>(count()); ++i) {
         const double rest = c[i] + stick[i];
-        out.push_back({a[i], b[i], viscous[i], 1.0 + low[i] - rest, LimitKind::torque});
-        out.push_back({-a[i], -b[i], -viscous[i], 1.0 - high[i] + rest, LimitKind::torque});
+        const Affine &low = less.low[i], &high = less.high[i];
+        out.push_back(
+            {a[i] - low.per_u, b[i] - low.per_x, viscous[i], 1.0 + low.rest - rest, LimitKind::torque});
+        out.push_back(
+            {high.per_u - a[i], high.per_x - b[i], -viscous[i], 1.0 - high.rest + rest, LimitKind::torque});
       }
     };
     add(p_.controller.mechanism);

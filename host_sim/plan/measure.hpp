@@ -9,8 +9,10 @@
 
 namespace esmc::host::plan {
 
-/// Share of the torque that is left to the sampled loop where no plant is to saturate.
-inline constexpr double loop_reserve = 0.07;
+/// Share of the torque that is left to the loop where no plant is to saturate: a torque holds for a tick,
+/// while what the motion takes changes. 2 % in a tick of 1 ms, where two mechanisms at their limits took 0.5
+/// %.
+inline constexpr double loop_reserve_per_s = 20.0;
 inline constexpr double at_limit = 0.99;  ///< share from which a limit counts as active
 
 /// More of a limit than is allowed.
@@ -44,7 +46,9 @@ class Measurement {
 
   /// Share of a limit that an optimal timing may use.
   [[nodiscard]] double allowed(LimitKind kind) const {
-    return kind == LimitKind::torque && p_.uncertain ? 1.0 - loop_reserve : 1.0;
+    constexpr double most = 0.2;
+    return kind == LimitKind::torque && p_.uncertain ? 1.0 - std::min(most, loop_reserve_per_s * p_.tick)
+                                                     : 1.0;
   }
   /// Measures a timing by its table: at both ends and halfway of its quintics, of long ones every four ticks,
   /// with a parabola between. Returns the largest share of what is allowed.

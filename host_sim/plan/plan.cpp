@@ -12,9 +12,6 @@ namespace esmc::host::plan {
 namespace {
 
 using Shares = std::array<double, kinds>;
-/// Time in which the acceleration of the path changes from one value to another where no plant is to
-/// saturate: a loop that samples cannot follow a jump.
-constexpr double loop_ticks = 8.0;
 constexpr double longest = 1e6, most_ticks = 4e9;  ///< s, of a program; of its table
 
 template <class M>
@@ -129,40 +126,41 @@ class Planner {
                        place_text(at.at->tip.p)));
   }
 
-  /// Reserve for the worst plant at every point, of the motion with x.
+  /// Reserve for the worst plant at every point, near the motion with x.
   void set_reserve(const std::vector<double>& x) {
     for (std::size_t i = 0; i < spots_.size(); ++i) {
-      Loads least{}, most{};
-      const double root = std::sqrt(0.5 * (x[i / 2] + x[(i + 1) / 2]));
+      Reserve less{};
       for (const std::size_t k : {(i - 1) / 2, i / 2}) {  // intervals before and after the place
         if (i == 0 || k + 1 == x.size()) continue;
-        const double u = (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k]));
-        const Motion2<double> m = motion_at(spots_[i].at->tip, {0.0, root, u});
-        const auto d = measured_.desired(m);
-        if (!d) continue;
-        const auto [low, high] = motors_.reserve(*d, m);
-        for (std::size_t j = 0; j < low.size(); ++j) {
-          least[j] = std::min(least[j], low[j]);
-          most[j] = std::max(most[j], high[j]);
-        }
+        add_reserve(spots_[i].at->tip, 0.5 * (x[i / 2] + x[(i + 1) / 2]),
+                    (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k])), less);
         if (i % 2 == 1) break;
       }
-      spots_.set_reserve(i, least, most);
+      spots_.set_reserve(i, less);
     }
     spots_.forget_rows();
+    spots_.set_rows();
   }
-
-  /// With the reserve that the motion with x needs; where no speed leaves as much, that of a slower one.
-  Squares solve_with_reserve(const std::vector<Shares>& most, Squares x) {
-    for (int halvings = 0;; ++halvings) {
-      set_reserve(x.x);
-      spots_.set_rows();
-      try {
-        return solve(most, x);
-      } catch (const Refused&) {
-        if (halvings == 8) throw;
-      }
-      for (double& square : x.x) square *= 0.5;
+  /// Of what `less` holds and the tangents at this motion, those that are further away there.
+  void add_reserve(const CurvePoint& tip, double x, double u, Reserve& less) {
+    const auto at = [&](double square, double bend) -> std::optional<std::pair<Loads, Loads>> {
+      const Motion2<double> m = motion_at(tip, {0.0, std::sqrt(square), bend});
+      const auto d = measured_.desired(m);
+      return d ? std::optional(motors_.reserve(*d, m)) : std::nullopt;
+    };
+    constexpr double share = 1e-3, least = 1e-6;
+    const double du = share * std::abs(u) + least, dx = share * x + least;
+    const auto here = at(x, u), faster = at(x, u + du), further = at(x + dx, u);
+    if (!here || !faster || !further) return;
+    const auto tangent = [&](double value, double more_u, double more_x, double sign, Affine& out) {
+      if (sign * value <= sign * (out.rest + out.per_u * u + out.per_x * x)) return;
+      out.per_u = (more_u - value) / du;
+      out.per_x = (more_x - value) / dx;
+      out.rest = value - out.per_u * u - out.per_x * x;
+    };
+    for (std::size_t j = 0; j < here->first.size(); ++j) {
+      tangent(here->first[j], faster->first[j], further->first[j], -1.0, less.low[j]);
+      tangent(here->second[j], faster->second[j], further->second[j], 1.0, less.high[j]);
     }
   }
 
@@ -183,9 +181,11 @@ class Planner {
     constexpr double near = 1.005;  // of a limit: what is beyond is mended where it is, less by slowing all
     for (int pass = 0; pass < passes; ++pass) {
       if (pass > 0 || p_.uncertain) x = solve(most, x);
-      for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) x = solve_with_reserve(most, std::move(x));
+      for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) {
+        set_reserve(x.x);
+        x = solve(most, x);
+      }
       timing = Timing(grid_.s, x);
-      if (p_.uncertain) timing.smooth(loop_ticks * p_.tick);
       limit_jerk(timing);
       share = measured_.take(timing);
       // Where dry friction turns, a tick tells more than a parabola.

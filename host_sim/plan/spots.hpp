@@ -121,10 +121,7 @@ class Spots {
     for (Spot& spot : spot_) spot.rows.clear();
   }
   /// What the worst plant takes beyond the believed one, of a spot. forget_rows() then makes it count.
-  void set_reserve(std::size_t i, const Loads& low, const Loads& high) {
-    low_[i] = low;
-    high_[i] = high;
-  }
+  void set_reserve(std::size_t i, const Reserve& less) { less_[i] = less; }
 
   [[nodiscard]] Grid& grid() { return grid_; }
   [[nodiscard]] std::size_t size() const { return spot_.size(); }
@@ -150,8 +147,7 @@ class Spots {
     grid_.s.clear();
     grid_.enough = std::max(1e-9, 2.0 / static_cast<double>(p_.grid * p_.grid));
     for (std::size_t i = 0; i < spot_.size(); i += 2) grid_.s.push_back(spot_[i].s);
-    low_.assign(spot_.size(), Loads{});
-    high_ = low_;
+    less_.assign(spot_.size(), Reserve{});
   }
   /// Of every interval, how many times as wrong as is allowed its time may be.
   [[nodiscard]] std::vector<double> errors(const Squares& x) const {
@@ -188,8 +184,7 @@ class Spots {
     if (!spot.rows.empty()) return;
     place(spot);
     spot.rows.reserve(16);
-    const Loads none{};
-    motors_.add_rows(*spot.at, motors_only ? none : low_[i], motors_only ? none : high_[i], spot.rows);
+    motors_.add_rows(*spot.at, motors_only ? Reserve{} : less_[i], spot.rows);
     if (!motors_only) add_motion_rows(p_, *spot.piece, *spot.at, spot.rows);
   }
   /// Sets the rows of a middle to the cubic through those of four points of its piece; false: it has not
@@ -235,7 +230,7 @@ class Spots {
   bool limits_moves_ = false;  // a move of the stretch limits speed or acceleration
   Grid grid_;
   std::vector<Spot> spot_;
-  std::vector<Loads> low_, high_;  // reserve, of each spot
+  std::vector<Reserve> less_;  // of each spot
 };
 
 }  // namespace esmc::host::plan

@@ -185,13 +185,14 @@ class Plan(unittest.TestCase):
         self.assertEqual(baked.returncode, 0, baked.stderr)
         self.assertIn("PathSegment", baked.stdout)
 
-    def test_without_reserve_saturation_is_counted(self):
+    def test_all_of_the_torque_is_tracked_too(self):
         text = Path(SCENES, "five_bar_pick_and_place.toml").read_text().split("[uncertainty]")[0] + "[simulation]\nduration = 1.0\nstep = 5e-4\n"
         scene = self.scene(text)
         j = self.plan(scene)
         self.assertAlmostEqual(j["duration_s"] / j["bound_s"], 1.0, delta=0.005)
         s = json.loads(esmc("sim", scene, "--json").stdout)
-        self.assertGreater(s["torque"]["saturated_ticks"], 0)
+        self.assertGreater(s["torque"]["max_nm"], 1.49)
+        self.assertLess(s["tracking"]["settled_max_m"], 3e-5)
         self.assertEqual(s["supervisor"]["faults"], [])
 
     def test_moves_in_time_take_that_time(self):

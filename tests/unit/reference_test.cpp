@@ -222,6 +222,39 @@ TYPED_TEST(References, PathPassesThroughItsPointsSmoothly) {
   for (const Accuracy* x : {&velocity, &acceleration}) x->expect_below(20 * kEpsilon<S>);  // of half a metre
 }
 
+/// A torque holds for a tick: what is followed changes the velocity in a tick as much as the path does, in
+/// every round, before its beginning and after its end too; of other shapes it is the motion itself.
+TYPED_TEST(References, FollowedAccelerationIsTheMeanOfTheTick) {
+  using S = TypeParam;
+  Accuracy mean("mean"), half("between ticks");
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    const Path<S> p(seed, true);
+    for (const bool repeats : {false, true}) {
+      auto ref = p.reference();
+      if (repeats) ref.repeat_ticks = p.end;
+      for (std::uint32_t tick = 0; tick < 2 * p.end; ++tick) {
+        const Motion2<S> m = ref.from(tick, p.dt), now = ref.at(tick, p.dt);
+        EXPECT_EQ(m.position, now.position);
+        EXPECT_EQ(m.velocity, now.velocity);
+        const Vec2<S> gained = ref.at(tick + 1, p.dt).velocity - now.velocity;
+        mean.take(seed, Accuracy::relative(Vec2<S>(m.acceleration * p.dt), gained, 0.5L));
+        const TickTime t{tick, 1U << (TickTime::bits - 1)};
+        const Vec2<S> later =
+            ref.at(TickTime{tick + 1, t.fraction}, p.dt).velocity - ref.at(t, p.dt).velocity;
+        half.take(seed, Accuracy::relative(Vec2<S>(ref.from(t, p.dt).acceleration * p.dt), later, 0.5L));
+      }
+    }
+    Reference<S> circle;
+    circle.kind = ReferenceKind::circle;
+    circle.amplitude = Vec2<S>(S(0.1), S(0.1));
+    circle.speed = Vec2<S>(S(3), S(3));
+    circle.phase = {{clock_of(0, 3 * Real(p.dt)), clock_of(1, 3 * Real(p.dt))}};
+    EXPECT_EQ(circle.from(seed, p.dt).acceleration, circle.at(seed, p.dt).acceleration);
+  }
+  mean.expect_below(4 * kEpsilon<S>);
+  half.expect_below(4 * kEpsilon<S>);
+}
+
 /// "then rest at the end": whatever the last segment ends with, a position that no longer changes has no
 /// velocity.
 TYPED_TEST(References, PathRestsAfterItsEnd) {
@@ -359,7 +392,7 @@ TYPED_TEST(References, JoinStartsAtThePresentAndEndsOnTheReference) {
       }
     }
     for (const std::uint32_t tick : {ticks, ticks + 1, ticks + 1000}) {
-      const Motion2<S> a = joined.at(tick), b = joined.reference().at(tick, dt);
+      const Motion2<S> a = joined.at(tick), b = joined.reference().from(tick, dt);
       EXPECT_EQ(a.position, b.position) << "seed " << seed;
       EXPECT_EQ(a.velocity, b.velocity) << "seed " << seed;
       EXPECT_EQ(a.acceleration, b.acceleration) << "seed " << seed;

@@ -80,7 +80,7 @@ struct Reference<host::Lanes<N, Tag>> {
   Vec2<L> centre = Vec2<L>::Zero();
   const host::LaneTrack* track = nullptr;
 
-  [[nodiscard]] ESMC_INLINE Motion2<L> at(std::uint64_t tick, L) const {
+  [[nodiscard]] ESMC_INLINE Motion2<L> from(std::uint64_t tick, L) const {
     const std::uint64_t row = 6 * (tick - track->first);
     const auto coordinate = [&](std::uint64_t i) {
       return track->one_reference ? L(track->values[row + i]) : L::load(track->values + (row + i) * L::size);
