@@ -175,7 +175,7 @@ class Measurement {
         });
   }
   void look_along(const TimedPiece& piece) {
-    constexpr double farthest = 4.0, calm = 0.9, most = 10000.0;  // ticks; share; looks
+    constexpr double farthest = 4.0, calm = 0.75, most = 10000.0;  // ticks; share; looks
     const double length = piece.curve.duration,
                  step = std::max(farthest * p_.tick, timing_->duration() / most);
     const auto at = [&](std::size_t i, std::size_t n) {

@@ -126,6 +126,20 @@ class Planner {
                        place_text(at.at->tip.p)));
   }
 
+  /// Without a motion to begin with; between the points of a coarse grid limits may leave no speed, then of a
+  /// finer one. `rough`: for a start, with all rows, otherwise with those of the motors.
+  Squares solve_anew(bool rough) {
+    for (double share = 4.0;; share *= 4.0) {
+      try {
+        spots_.set_rows(!rough);
+        return solve({}, rough);
+      } catch (const Refused&) {
+        if (share > 16.0) throw;
+        spots_.set(share);
+      }
+    }
+  }
+
   /// Reserve for the worst plant at every point, near the motion with x.
   void set_reserve(const std::vector<double>& x) {
     for (std::size_t i = 0; i < spots_.size(); ++i) {
@@ -167,8 +181,7 @@ class Planner {
   Timing optimal() {
     Shares all;
     for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
-    spots_.set_rows();
-    Squares x = solve({}, true);
+    Squares x = solve_anew(true);
     for (int pass = 0; pass < refinements && spots_.refine(x); ++pass) {
       spots_.set_rows();
       x = solve(x, true);
@@ -180,7 +193,14 @@ class Planner {
     constexpr int passes = 12;
     constexpr double near = 1.005;  // of a limit: what is beyond is mended where it is, less by slowing all
     for (int pass = 0; pass < passes; ++pass) {
-      if (pass > 0 || p_.uncertain) x = solve(most, x);
+      if (pass > 0 || p_.uncertain) {
+        try {
+          x = solve(most, x);
+        } catch (const Refused&) {  // a place keeps less than holding takes there: slower in all is left
+          if (pass == 0) throw;
+          break;
+        }
+      }
       for (int k = 0; p_.uncertain && pass == 0 && k < 4; ++k) {
         set_reserve(x.x);
         x = solve(most, x);
@@ -203,7 +223,7 @@ class Planner {
       if (share <= 1.0) share = measured_.take_ticks(now_);
       if (share <= 1.0) break;
       double factor = 1.0, last_share = 0.0, last_square = 0.0;  // and 1 / factor^2 of the last one
-      const double most = 1.0 - spare(share);
+      const double most = 1.0 - (pass + 1) * spare(share);       // longer, the ticks fall elsewhere
       while (share > most && factor < 10.0) {
         const double square = 1.0 / (factor * factor), slope = (last_share - share) / (last_square - square);
         double less = most / share;  // of 1 / factor^2, in which a share is linear: what holds the pose stays
@@ -344,8 +364,7 @@ class Planner {
                                       spots_[i].at->tip.d1.norm() * std::sqrt(limits[i]));
     }
     spots_.forget_rows();
-    spots_.set_rows(true);
-    const Squares x = solve({});
+    const Squares x = solve_anew(false);
     out_.bound += Timing(grid_.s, x).duration();
   }
 
