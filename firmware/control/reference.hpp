@@ -124,9 +124,13 @@ struct Reference {
   /// What to follow with a torque that holds for a tick: as at(), but along a path the acceleration is the
   /// mean until the next tick. Where it jumps in between, that of the beginning would lead astray.
   [[nodiscard, gnu::noinline]] Motion2<S> from(std::uint64_t tick, S sample_time) const {
-    Motion2<S> m = motion(tick, sample_time);
-    if (kind == ReferenceKind::path && !path.empty())
-      m.acceleration = (along_path(tick + 1, sample_time).velocity - m.velocity) * (S(1) / sample_time);
+    if (kind != ReferenceKind::path || path.empty()) return motion(tick, sample_time);
+    const std::uint32_t now = tick_of_round(tick), next = tick_of_round(tick + 1);
+    const std::size_t i = segment_of(now);
+    std::size_t k = next < now ? 0 : i;  // a new round begins with the first
+    if (k + 1 < path.size() && path[k + 1].start_tick <= next) ++k;
+    Motion2<S> m = in_segment(path[i], now, sample_time);
+    m.acceleration = (in_segment(path[k], next, sample_time).velocity - m.velocity) * (S(1) / sample_time);
     return m;
   }
   /// The same between ticks.
@@ -171,9 +175,7 @@ struct Reference {
 
   [[nodiscard]] Motion2<S> along_path(std::uint64_t ticks, S sample_time) const {
     const std::uint32_t tick = tick_of_round(ticks);
-    const PathSegment<S>& s = path[segment_of(tick)];
-    const bool begun = tick >= s.start_tick;
-    return motion_in(s, begun, begun ? S(tick - s.start_tick) * sample_time + s.offset : S(0));
+    return in_segment(path[segment_of(tick)], tick, sample_time);
   }
   /// The next tick tells which segment has begun by then; before its own beginning it is the one before.
   [[nodiscard]] Motion2<S> along_path(const TickTime& time, S sample_time) const {
@@ -215,6 +217,10 @@ struct Reference {
         high = middle;
     }
     return low;
+  }
+  [[nodiscard]] static Motion2<S> in_segment(const PathSegment<S>& s, std::uint32_t tick, S sample_time) {
+    const bool begun = tick >= s.start_tick;
+    return motion_in(s, begun, begun ? S(tick - s.start_tick) * sample_time + s.offset : S(0));
   }
   [[nodiscard]] static Motion2<S> motion_in(const PathSegment<S>& s, bool begun, S t) {
     const Motion2<S> m = s.curve.at(t);

@@ -1,9 +1,9 @@
 /// One CiA 402 axis as the controller sees it: state machine, what counts as alive, ready and idle.
 /// Expectations are those of the profile.
 
-#include <algorithm>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
 
 #include "tests/support/cia402_bench.hpp"
