@@ -16,12 +16,13 @@ namespace esmc::host {
 namespace {
 
 /// None in the processes that mpirun has started beside the first one.
-py::object sweep(const std::string& spec, const std::string& out, int threads, bool restart) {
+py::object sweep(const std::filesystem::path& spec, const std::filesystem::path& out, int threads,
+                 bool restart) {
   if (threads < 0 || threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", threads);
   Capture c;
   SweepOptions o;
-  o.spec = spec;
-  o.out = out;
+  o.spec = spec.string();
+  o.out = out.string();
   o.command_line = "esmc.sweep";
   o.jobs = threads;
   o.json = true;
@@ -31,13 +32,20 @@ py::object sweep(const std::string& spec, const std::string& out, int threads, b
   return c.document.empty() ? py::object(py::none()) : parsed(c.document);
 }
 
-SweepValue sweep_value(const py::handle& v) {
+double finite(const std::string& key, const py::handle& v) {
+  const double number = PyFloat_AsDouble(v.ptr());
+  if (PyErr_Occurred() != nullptr || !std::isfinite(number)) {
+    PyErr_Clear();
+    refuse("parameters['{}']: values are finite numbers, bools or strings", key);
+  }
+  return number;
+}
+
+SweepValue sweep_value(const std::string& key, const py::handle& v) {
   if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
   if (py::isinstance<py::int_>(v)) return v.cast<std::int64_t>();
   if (py::isinstance<py::str>(v)) return v.cast<std::string>();
-  const auto number = v.cast<double>();
-  if (!std::isfinite(number)) throw py::value_error("parameters must be finite");
-  return number;
+  return finite(key, v);
 }
 
 std::vector<Objective> objectives_of(const std::vector<std::string>& names) {
@@ -60,9 +68,8 @@ RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
   if (py::isinstance<py::tuple>(v)) {
     const auto pair = py::reinterpret_borrow<py::tuple>(v);
     if (pair.size() != 2) refuse("parameters['{}']: a range is a tuple (from, to)", key);
-    const std::pair range(pair[0].cast<double>(), pair[1].cast<double>());
-    if (!std::isfinite(range.first) || !(range.first <= range.second) || !std::isfinite(range.second))
-      refuse("parameters['{}']: a range needs finite from <= to", key);
+    const std::pair range(finite(key, pair[0]), finite(key, pair[1]));
+    if (range.first > range.second) refuse("parameters['{}']: a range needs from <= to", key);
     out.values = range;
     return out;
   }
@@ -71,7 +78,7 @@ RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
   if (!py::isinstance<py::list>(list))
     refuse("parameters['{}']: a range (from, to), or a list or array with a value per case", key);
   std::vector<SweepValue> values;
-  for (const auto& item : list) values.push_back(sweep_value(item));
+  for (const auto& item : list) values.push_back(sweep_value(key, item));
   out.values = std::move(values);
   return out;
 }
@@ -83,8 +90,7 @@ Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t ever
   const std::size_t motors = s.scene.motor_joints().size();
   if (!out || out.ndim() != 3 || out.size() == 0 || static_cast<std::size_t>(out.shape(2)) != motors ||
       out.shape(1) > std::numeric_limits<std::uint32_t>::max())
-    throw py::value_error(
-        fmt::format("torques: an array of shape (cases, ticks, {}) is needed, N m", motors));
+    refuse("torques: an array of shape (cases, ticks, {}) is needed, N m", motors);
   if (n && *n != static_cast<std::uint64_t>(out.shape(0)))
     refuse("torques: {} cases, n = {}", out.shape(0), *n);
   r.torque = {out.data(), static_cast<std::size_t>(out.size())};
@@ -163,18 +169,17 @@ void define_batches(py::module_& m) {
         py::arg("seed") = 1, py::arg("threads") = 0, py::arg("objectives") = std::vector<std::string>{},
         py::arg("torques") = py::none(), py::arg("every") = 0,
         "n runs on all cores. parameters: {key: (from, to)} samples a range by latin hypercube, {key: list "
-        "or array} "
-        "gives each case its value; keys as in a sweep. Returns arrays of shape (n,): parameters, "
-        "objectives, outcome, seed (with which run repeats the case). torques, shape (n, ticks, motors), N m "
-        "at the joints: the true mechanism under these, each held for a tick, without controller. Then the "
-        "result has q and qd at the end, shape (n, coordinates) as in final_state, or with every = k at each "
-        "k-th tick from the start on and at the end, shape (n, rows, coordinates).");
-  m.def(
-      "sweep", &sweep, py::arg("spec"), py::arg("out") = "", py::arg("threads") = 0,
-      py::arg("restart") = false,
-      "Runs the specification of a sweep as `esmc sweep SPEC --out OUT` does, and goes on with one that was "
-      "interrupted there or here. Returns summary.json as a dict; under mpirun None but in the first "
-      "process.");
+        "or array} gives each case its value; keys as in a sweep. Returns arrays of shape (n,): parameters, "
+        "objectives (_m, _rad, _nm: m, rad, N m), outcome, seed (with which run repeats the case). torques, "
+        "shape (n, ticks, motors), N m at the joints: the true mechanism under these, each held for a tick, "
+        "without controller. Then the result has q and qd at the end, shape (n, coordinates) as in "
+        "final_state, or with every = k at each k-th tick from the start on and at the end, shape (n, rows, "
+        "coordinates).");
+  m.def("sweep", &sweep, py::arg("spec"), py::arg("out") = "", py::arg("threads") = 0,
+        py::arg("restart") = false,
+        "Runs the specification of a sweep as `esmc sweep SPEC --out OUT` does, and goes on with one that "
+        "was interrupted there or here. Returns summary.json as a dict; under mpirun None but in the first "
+        "process.");
 }
 
 }  // namespace esmc::host

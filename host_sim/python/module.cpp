@@ -28,29 +28,29 @@ std::string quoted(const std::string& text) {
 
 }  // namespace
 
-std::string toml_of(const py::handle& v, int depth) {
-  if (depth > 16) throw py::value_error("the value is nested too deeply");
+std::string toml_of(const std::string& key, const py::handle& v, int depth) {
+  if (depth > 16) refuse("{}: the value is nested too deeply", key);
   if (py::isinstance<py::bool_>(v)) return v.cast<bool>() ? "true" : "false";
   if (py::isinstance<py::str>(v)) return quoted(v.cast<std::string>());
   if (py::isinstance<py::int_>(v)) return py::str(v).cast<std::string>();
   if (py::isinstance<py::dict>(v)) {
     std::string out;
-    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(v))
-      out += (out.empty() ? "" : ", ") + quoted(py::str(key).cast<std::string>()) + " = " +
-             toml_of(value, depth + 1);
+    for (const auto& [name, value] : py::reinterpret_borrow<py::dict>(v))
+      out += (out.empty() ? "" : ", ") + quoted(py::str(name).cast<std::string>()) + " = " +
+             toml_of(key, value, depth + 1);
     return "{" + out + "}";
   }
-  if (py::hasattr(v, "tolist")) return toml_of(v.attr("tolist")(), depth + 1);  // of numpy
+  if (py::hasattr(v, "tolist")) return toml_of(key, v.attr("tolist")(), depth + 1);  // of numpy
   if (py::isinstance<py::list>(v) || py::isinstance<py::tuple>(v)) {
     std::string out;
-    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(item, depth + 1);
+    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(key, item, depth + 1);
     return "[" + out + "]";
   }
   if (!py::isinstance<py::float_>(v))
-    throw py::type_error("a scene takes bool, int, float, str, lists and dicts of them, not " +
+    throw py::type_error(key + ": a scene takes bool, int, float, str, lists and dicts of them, not " +
                          py::str(py::type::of(v)).cast<std::string>());
   const auto number = v.cast<double>();
-  if (!std::isfinite(number)) throw py::value_error("a scene takes finite numbers only");
+  if (!std::isfinite(number)) refuse("{}: a scene takes finite numbers only", key);
   const std::string text = fmt::format("{}", number);
   return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
 }
@@ -101,10 +101,10 @@ py::object document_of(const PyScene& s) {
   (void)released([&] { return command(s.options(c)); });
   return parsed(c.document);
 }
-py::object compare(const std::string& a, const std::string& b, double tolerance) {
+py::object compare(const std::filesystem::path& a, const std::filesystem::path& b, double tolerance) {
   Capture c;
   const CompareOptions o{
-      .a = a, .b = b, .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
+      .a = a.string(), .b = b.string(), .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
   (void)released([&] { return run_compare(o); });
   return parsed(c.document);
 }
@@ -121,15 +121,24 @@ py::object arrays(const py::object& v) {
 }
 
 py::object model(const PyScene& s, const py::dict& state) {
-  const auto plain = py::module_::import("json").attr("dumps")(
-      state, py::arg("default") = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); }),
-      py::arg("allow_nan") = false);
-  const std::string document = evaluate(model_case(s.scene, plain.cast<std::string>()), "state", false);
+  std::string plain;
+  try {
+    const auto list = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); });
+    plain = py::module_::import("json")
+                .attr("dumps")(state, py::arg("default") = list, py::arg("allow_nan") = false)
+                .cast<std::string>();
+  } catch (const py::error_already_set& e) {
+    if (!e.matches(PyExc_Exception)) throw;
+    const auto why = py::str(e.value()).cast<std::string>();
+    refuse("state: a dict of finite numbers and arrays of them is needed ({})", why);
+  }
+  const std::string document = evaluate(model_case(s.scene, plain), "state", false);
   return arrays(parsed(document)["cases"][py::int_(0)]);
 }
 
-std::span<const double> span_of(const Array& a) {
-  if (a.ndim() != 1) throw py::value_error("a one-dimensional array is needed");
+std::span<const double> span_of(const Array& a, const char* what) {
+  if (a.ndim() != 1)
+    refuse("{}: a one-dimensional array is needed, this one has {} dimensions", what, a.ndim());
   return {a.data(), static_cast<std::size_t>(a.size())};
 }
 Array array_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
@@ -151,8 +160,10 @@ Array coordinates(const PythonPlant& p) {
 void define_scene(py::module_& m) {
   py::class_<PyScene>(m, "Scene", "A scene file and what is set on top of it.")
       .def_static(
-          "load", [](const std::string& path) { return PyScene(path, {}); }, py::arg("path"),
-          "Reads a scene file (TOML). Raises InputError with file, line and key.")
+          "load", [](const std::filesystem::path& path) { return PyScene(path.string(), {}); },
+          py::arg("path"),
+          "Reads a scene file (TOML); path: str or os.PathLike. set and runs read the file again. Raises "
+          "InputError with file, line and key.")
       .def("set", &PyScene::set, py::arg("key"), py::arg("value"),
            py::return_value_policy::reference_internal,
            "Sets a key as --set does, entries counted from 1. Raises InputError, and then changes nothing.")
@@ -161,11 +172,11 @@ void define_scene(py::module_& m) {
       .def_property_readonly(
           "toml", [](const PyScene& s) { return s.scene.toml; }, "The scene as it will run.")
       .def_property_readonly(
-          "name", [](const PyScene& s) { return s.scene.name; }, "of the scene")
+          "name", [](const PyScene& s) { return s.scene.name; }, "Of the scene.")
       .def_property_readonly(
-          "duration", [](const PyScene& s) { return s.scene.duration; }, "s")
+          "duration", [](const PyScene& s) { return s.scene.duration; }, "Of a run, s.")
       .def_property_readonly(
-          "tick", [](const PyScene& s) { return s.scene.tick(); }, "of the controller, s")
+          "tick", [](const PyScene& s) { return s.scene.tick(); }, "Sample time of the controller, s.")
       .def_property_readonly("joints", &PyScene::joints, "Names in the order of the model.")
       .def_property_readonly("motors", &PyScene::motors,
                              "Names of the joints with motors, in the order of torques.")
@@ -178,51 +189,62 @@ void define_scene(py::module_& m) {
   py::class_<Run, std::shared_ptr<Run>>(m, "Run", "What a run left.")
       .def_readonly("summary", &Run::summary, "The document that --json prints, as a dict.")
       .def_property_readonly("log", &log_of<Run>,
-                             "Columns of log.csv by name: arrays of shape (ticks,), views into the run.")
+                             "Columns of log.csv by name: arrays of shape (ticks,), views into the run. s, "
+                             "m, rad, m/s, rad/s, N m.")
       .def_property_readonly(
           "digest", [](const Run& r) { return r.summary["digest"]; },
-          "16 hex digits over q and qd at every tick, as the command prints it.");
+          "16 hex digits over q and qd at every tick, as the command prints it.")
+      .def("__repr__", [](const Run& r) {
+        return py::str("<esmc.Run of {!r}: {} ticks, digest {}>")
+            .format(r.summary["scene"], r.summary["ticks"], r.summary["digest"]);
+      });
   py::class_<Plan, std::shared_ptr<Plan>>(m, "Plan", "A timed program.")
       .def_readonly("summary", &Plan::summary,
                     "The document that `esmc plan --json` prints, as a dict: duration_s, limits_active, ...")
-      .def_property_readonly(
-          "path", &log_of<Plan>,
-          "Columns of path.csv by name: arrays of shape (ticks + 1,), views into the plan. "
-          "s, m, rad, their derivatives, N m.");
+      .def_property_readonly("path", &log_of<Plan>,
+                             "Columns of path.csv by name: arrays of shape (ticks + 1,), views into the "
+                             "plan. s, m, rad, their derivatives, N m.");
 }
 
 void define_loop(py::module_& m) {
   py::class_<PythonTick>(m, "Tick", "Result of a controller's tick.")
       .def_property_readonly("torque", &of_tick<&PythonTick::torque>,
                              "N m at the joint, per motor, shape (motors,)")
-      .def_property_readonly("s", &of_tick<&PythonTick::s>, "Sliding variables, shape (channels,)")
+      .def_property_readonly("s", &of_tick<&PythonTick::s>,
+                             "Sliding variables, m/s or rad/s, shape (channels,)")
       .def_property_readonly("effector", &of_tick<&PythonTick::effector>, "Estimate, m, shape (2,)")
       .def_property_readonly("reference", &of_tick<&PythonTick::desired_effector>, "m, shape (2,)")
-      .def_readonly("state", &PythonTick::state, "of the supervisor")
+      .def_readonly("state", &PythonTick::state, "Of the supervisor: enabling, running, ...")
       .def_readonly("fault", &PythonTick::fault, "its name, or \"none\"")
-      .def_readonly("saturated", &PythonTick::saturated, "whether a torque was at its limit");
+      .def_readonly("saturated", &PythonTick::saturated, "whether a torque was at its limit")
+      .def("__repr__", [](const PythonTick& t) {
+        return fmt::format("<esmc.Tick {}, fault {}, torque [{}]>", t.state, t.fault,
+                           fmt::join(t.torque, ", "));
+      });
   py::class_<PythonController>(m, "Controller",
                                "The firmware's controller of a scene, enabled, without a bus.")
       .def(py::init([](const PyScene& s) { return make_python_controller(s.scene); }), py::arg("scene"))
       .def(
           "tick",
           [](PythonController& c, const Array& angle, const Array& rate, const std::string& command) {
-            return c.tick(span_of(angle), span_of(rate), command);
+            return c.tick(span_of(angle, "angle"), span_of(rate, "rate"), command);
           },
           py::arg("angle"), py::arg("rate"), py::arg("command") = "none",
           "One tick of the sample time. angle, rate: of all joints, shape (joints,), rad and rad/s; those "
-          "without a "
-          "sensor are not used. command: none, stop, halt, reset.");
+          "without a sensor are not used. command: none, stop, halt, reset.");
   py::class_<PythonPlant>(m, "Plant", "The true mechanism of a scene with its effects, without sensors.")
       .def(py::init([](const PyScene& s) { return make_python_plant(s.scene); }), py::arg("scene"))
       .def(
-          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque)); }, py::arg("torque"),
-          "Advances by one tick under torque, shape (motors,), N m at the joint.")
-      .def_property_readonly("t", &PythonPlant::t, "s")
+          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque, "torque")); },
+          py::arg("torque"), "Advances by one tick under torque, shape (motors,), N m at the joint.")
+      .def_property_readonly("t", &PythonPlant::t, "Time since the start, s")
       .def_property_readonly("angle", &coordinates<false, true>, "Of all joints, rad, shape (joints,)")
       .def_property_readonly("rate", &coordinates<true, true>, "Of all joints, rad/s, shape (joints,)")
-      .def_property_readonly("q", &coordinates<false, false>, "As final_state.q of a run's summary")
-      .def_property_readonly("qd", &coordinates<true, false>, "As final_state.qd")
+      .def_property_readonly(
+          "q", &coordinates<false, false>,
+          "As final_state.q of a run: with a five-bar x and y, then the joints; m, rad, shape (coordinates,)")
+      .def_property_readonly("qd", &coordinates<true, false>,
+                             "As final_state.qd, m/s, rad/s, shape (coordinates,)")
       .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
 }
 
@@ -242,6 +264,8 @@ void translate_errors(py::module_& m) {
       input(e.what());
     } catch (const RunError& e) {
       failed(e.what());
+    } catch (const py::cast_error&) {  // of an entry of a list, tuple or dict
+      input("an argument holds a value of the wrong type or size");
     }
   });
 }
@@ -260,7 +284,8 @@ PYBIND11_MODULE(esmc, m) {
   define_loop(m);
   define_batches(m);
   m.def("run", &run, py::arg("scene"), py::arg("mode") = "sim", py::arg("seed") = 1,
-        "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest.");
+        "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest. seed: of "
+        "noise, 0 or more.");
   m.def("plan", &plan, py::arg("scene"),
         "Times the program of a scene, reference.type = \"program\", as `esmc plan` does.");
   m.def("check", &document_of<run_check>, py::arg("scene"),
@@ -270,7 +295,8 @@ PYBIND11_MODULE(esmc, m) {
   m.def("compare", &compare, py::arg("a"), py::arg("b"), py::arg("tolerance") = 0.0,
         "The document of `esmc compare A B --json`, as a dict. a, b: directories of runs.");
   m.def("model", &model, py::arg("scene"), py::arg("state"),
-        "C, A, b, M_diag, H, ... of the scene's mechanism as `esmc eval` has them, as arrays. state: dict "
-        "with theta and "
-        "thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; rad, m, s.");
+        "The scene's mechanism as `esmc eval` has it, as arrays in SI units, with n coordinates (five-bar "
+        "18, arm 8): C (n, 2), A (n - 2, n), b (n - 2,), M_diag, g, f, bias (n,), H (2, 2), h (2,). state: "
+        "dict with theta and thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; "
+        "rad, m, s.");
 }

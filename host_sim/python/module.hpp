@@ -4,8 +4,10 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <csignal>
+#include <filesystem>
 #include <mutex>
 #include <string>
 #include <utility>
@@ -71,14 +73,15 @@ auto released(const F& f) {
   }
 }
 
-/// A value as TOML.
-std::string toml_of(const py::handle& v, int depth = 0);
+/// The value of a key as TOML.
+std::string toml_of(const std::string& key, const py::handle& v, int depth = 0);
 
 inline py::object parsed(const std::string& document) {
   return py::module_::import("json").attr("loads")(document);
 }
 
-/// A scene file and what is set on top of it. Every change is checked at once.
+/// A scene file, found again from another working directory, and what is set on top of it. Every change is
+/// checked at once.
 struct PyScene {
   std::string file;
   std::vector<std::string> sets;
@@ -87,11 +90,12 @@ struct PyScene {
   PyScene(std::string path, std::vector<std::string> changes)
       : file(std::move(path)), sets(std::move(changes)) {
     if (file == "-") refuse("Scene.load: '-' (stdin) is for the command");
+    if (!file.empty()) file = std::filesystem::absolute(file).string();
     scene = read_scene(file, sets);
   }
   PyScene& set(const std::string& key, const py::handle& value) {
     auto more = sets;
-    more.push_back(key + "=" + toml_of(value));
+    more.push_back(key + "=" + toml_of(key, value));
     scene = read_scene(file, more);
     sets = std::move(more);
     return *this;
