@@ -10,6 +10,7 @@ import os
 import pathlib
 import pickle
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -372,8 +373,15 @@ to = 200.0
             running.wait()
             self.assertTrue(journal.exists())
             self.assertEqual(esmc.sweep(str(spec), out=d + "/cut"), whole)
-            for name in ("cases.csv", "summary.json"):
-                self.assertEqual((pathlib.Path(d) / "cut" / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
+            ranks = shutil.which("mpirun") and pathlib.Path(FOLDER).with_name("esmc_mpi.so").exists()
+            if ranks:
+                code = f"import sys; sys.path.insert(0, {FOLDER!r}); import esmc; print(esmc.sweep({str(spec)!r}, out={d + '/ranks'!r}) is None)"
+                said = subprocess.run(["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "3", sys.executable, "-c", code],
+                                      capture_output=True, text=True, check=True).stdout
+                self.assertEqual((said.count("False"), said.count("True")), (1, 2))
+            for folder in ["cut", "ranks"] if ranks else ["cut"]:
+                for name in ("cases.csv", "summary.json"):
+                    self.assertEqual((pathlib.Path(d) / folder / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
 
 
 class Memory(unittest.TestCase):
