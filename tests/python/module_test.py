@@ -2,8 +2,10 @@
 """The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study] [CLASS[.TEST] ...]
 study: 1e6 runs for the memory, 1e5 arguments for the fuzzer"""
 import concurrent.futures
+import contextlib
 import copy
 import csv
+import io
 import json
 import multiprocessing
 import os
@@ -198,6 +200,15 @@ class Habits(unittest.TestCase):
                            (r'as in \["\+", "\+"\]$', lambda: scene.set("mechanism.working_mode", "+"))):
             with self.assertRaisesRegex(esmc.InputError, what):
                 case()
+
+    def test_examples_of_the_page_run_in_their_order(self):
+        blocks, names = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.S), {}
+        self.assertGreaterEqual(len(blocks), 4)
+        with contextlib.chdir(ROOT), contextlib.redirect_stdout(io.StringIO()) as said:
+            for block in blocks:
+                exec(block, names)  # pylint: disable=exec-used
+        self.assertIn(names["run"].digest, said.getvalue())
+        np.testing.assert_array_equal(names["yours"].q, names["run"].summary["final_state"]["q"])
 
     def test_threads_and_processes(self):
         scene = short(CIRCLE)
