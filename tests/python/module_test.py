@@ -376,21 +376,24 @@ to = 200.0
             whole = esmc.sweep(str(spec), out=d + "/whole", threads=2)
             self.assertEqual(whole, json.loads((pathlib.Path(d) / "whole/summary.json").read_text()))
             self.assertEqual(whole, esmc.sweep(str(spec)))
-            running = subprocess.Popen([ESMC, "sweep", str(spec), "--out", d + "/cut", "--jobs", "1"], stdout=subprocess.DEVNULL)
-            journal = pathlib.Path(d) / "cut/sweep.journal"
-            while running.poll() is None and not (journal.exists() and journal.stat().st_size > 1000):
-                time.sleep(0.01)
-            running.kill()
-            running.wait()
-            self.assertTrue(journal.exists())
-            self.assertEqual(esmc.sweep(str(spec), out=d + "/cut"), whole)
-            ranks = shutil.which("mpirun") and pathlib.Path(FOLDER).with_name("esmc_mpi.so").exists()
-            if ranks:
-                code = f"import sys; sys.path.insert(0, {FOLDER!r}); import esmc; print(esmc.sweep({str(spec)!r}, out={d + '/ranks'!r}) is None)"
-                said = subprocess.run(["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "3", sys.executable, "-c", code],
-                                      capture_output=True, text=True, check=True).stdout
+            python = lambda out: [sys.executable, "-c", f"import sys; sys.path.insert(0, {FOLDER!r}); import esmc; "
+                                  f"print(esmc.sweep({str(spec)!r}, out={d + '/' + out!r}, threads=1) is None)"]
+            folders = ["by_command", "by_python"]
+            for folder, begin in zip(folders, ([ESMC, "sweep", spec, "--out", d + "/by_command", "--jobs", "1"], python("by_python"))):
+                running = subprocess.Popen(begin, stdout=subprocess.DEVNULL)
+                journal = pathlib.Path(d) / folder / "sweep.journal"
+                while running.poll() is None and not (journal.exists() and journal.stat().st_size > 1000):
+                    time.sleep(0.01)
+                running.kill()
+                running.wait()
+                self.assertTrue(journal.exists())
+            self.assertEqual(esmc.sweep(str(spec), out=d + "/by_command"), whole)
+            self.assertEqual(command("sweep", spec, "--out", d + "/by_python"), whole)
+            if shutil.which("mpirun") and pathlib.Path(FOLDER).with_name("esmc_mpi.so").exists():
+                said = subprocess.run(["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "3", *python("ranks")], capture_output=True, text=True, check=True).stdout
                 self.assertEqual((said.count("False"), said.count("True")), (1, 2))
-            for folder in ["cut", "ranks"] if ranks else ["cut"]:
+                folders.append("ranks")
+            for folder in folders:
                 for name in ("cases.csv", "summary.json"):
                     self.assertEqual((pathlib.Path(d) / folder / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
 
