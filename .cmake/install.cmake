@@ -29,7 +29,7 @@ if(TARGET esmc)
   install(FILES ${completion} DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/bash-completion/completions RENAME esmc)
   if(TARGET esmc_python)  # where Debian's python3 looks, below /usr
     install(TARGETS esmc_python LIBRARY DESTINATION lib/python3/dist-packages)
-    install(FILES ${PROJECT_BINARY_DIR}/python/esmc.pyi DESTINATION lib/python3/dist-packages)
+    install(FILES ${PROJECT_BINARY_DIR}/python/esmc.pyi DESTINATION lib/python3/dist-packages/esmc-stubs RENAME __init__.pyi)  # PEP 561
   endif()
   include(.cmake/package.cmake)
 endif()

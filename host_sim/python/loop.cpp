@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -88,6 +89,8 @@ class PlantOf final : public PythonPlant {
 
   void step(std::span<const double> torque) override {
     require_size(torque, motor_joints_.size(), "torque");
+    if (!std::ranges::all_of(torque, [](double v) { return std::isfinite(v); }))
+      refuse("torque: must be finite");
     typename Plant::Joints asked{};
     for (std::size_t i = 0; i < torque.size(); ++i) asked[motor_joints_[i]] = torque[i];
     bool clipped = false;
@@ -174,6 +177,11 @@ std::unique_ptr<PythonPlant> make_python_plant(const Scene& scene) {
 std::string model_case(const Scene& scene, const std::string& text) {
   Json state = Json::parse(text);
   const bool five_bar = scene.type == MechanismType::five_bar;
+  for (const auto& [key, value] : state.items()) {
+    if (key != "theta" && key != "thetad" &&
+        !(five_bar && (key == "x" || key == "y" || key == "xd" || key == "yd")))
+      refuse("state: there is no '{}'; theta, thetad{}", key, five_bar ? ", x, y, xd, yd" : "");
+  }
   try {
     if (five_bar && state.contains("theta") && !state.contains("x")) close_chain(scene, state);
     if (!five_bar && !state.contains("thetad")) state["thetad"] = {0.0, 0.0};

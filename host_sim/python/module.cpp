@@ -1,84 +1,21 @@
 /// The Python module esmc. docs/python.md is its page, esmc.pyi its types.
 
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
-#include <pybind11/stl.h>
+#include "host_sim/python/module.hpp"
 
 #include <fmt/format.h>
+
 #include <cmath>
-#include <csignal>
-#include <limits>
 #include <memory>
-#include <mutex>
 
 #include "host_sim/check/check.hpp"
-#include "host_sim/error.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/python/loop.hpp"
-#include "host_sim/python/rollout.hpp"
 #include "host_sim/record/compare.hpp"
-#include "host_sim/record/run_options.hpp"
-#include "host_sim/scene/scene.hpp"
 #include "host_sim/studies/studies.hpp"
-#include "host_sim/sweep/sweep.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
 namespace {
-
-namespace py = pybind11;
-using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
-
-/// Without the interpreter's lock. Ctrl-C ends the run as it ends a command, and Python hears of it after.
-class Released {
- public:
-  Released() : lock_(running()) {
-    stop_requested() = false;
-    before_ = std::signal(SIGINT, [](int) { stop_requested() = true; });
-  }
-  Released(const Released&) = delete;
-  Released& operator=(const Released&) = delete;
-  ~Released() {
-    std::signal(SIGINT, before_);
-    if (stop_requested().exchange(false)) interrupted() = true;
-  }
-  /// To be called with the interpreter's lock: raises KeyboardInterrupt after Ctrl-C.
-  static void check() {
-    if (!interrupted().exchange(false)) return;
-    PyErr_SetNone(PyExc_KeyboardInterrupt);
-    throw py::error_already_set();
-  }
-
- private:
-  static std::mutex& running() {
-    static std::mutex m;
-    return m;
-  }
-  static std::atomic<bool>& interrupted() {
-    static std::atomic<bool> flag{false};
-    return flag;
-  }
-  py::gil_scoped_release release_;
-  std::unique_lock<std::mutex> lock_;
-  void (*before_)(int) = nullptr;
-};
-
-/// f() without the interpreter's lock, one at a time.
-template <class F>
-auto released(const F& f) {
-  const auto run = [&] {
-    const Released guard;
-    return f();
-  };
-  try {
-    auto out = run();
-    Released::check();
-    return out;
-  } catch (const RunError&) {
-    Released::check();
-    throw;
-  }
-}
 
 std::string quoted(const std::string& text) {
   std::string out = "\"";
@@ -89,72 +26,36 @@ std::string quoted(const std::string& text) {
   return out + "\"";
 }
 
-/// A value as TOML.
-std::string toml_of(const py::handle& v, int depth = 0) {
-  if (depth > 16) throw py::value_error("the value is nested too deeply");
+}  // namespace
+
+std::string toml_of(const std::string& key, const py::handle& v, int depth) {
+  if (depth > 16) refuse("{}: the value is nested too deeply", key);
   if (py::isinstance<py::bool_>(v)) return v.cast<bool>() ? "true" : "false";
   if (py::isinstance<py::str>(v)) return quoted(v.cast<std::string>());
   if (py::isinstance<py::int_>(v)) return py::str(v).cast<std::string>();
   if (py::isinstance<py::dict>(v)) {
     std::string out;
-    for (const auto& [key, value] : py::reinterpret_borrow<py::dict>(v))
-      out += (out.empty() ? "" : ", ") + quoted(py::str(key).cast<std::string>()) + " = " +
-             toml_of(value, depth + 1);
+    for (const auto& [name, value] : py::reinterpret_borrow<py::dict>(v))
+      out += (out.empty() ? "" : ", ") + quoted(py::str(name).cast<std::string>()) + " = " +
+             toml_of(key, value, depth + 1);
     return "{" + out + "}";
   }
-  if (py::hasattr(v, "tolist")) return toml_of(v.attr("tolist")(), depth + 1);  // of numpy
+  if (py::hasattr(v, "tolist")) return toml_of(key, v.attr("tolist")(), depth + 1);  // of numpy
   if (py::isinstance<py::list>(v) || py::isinstance<py::tuple>(v)) {
     std::string out;
-    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(item, depth + 1);
+    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(key, item, depth + 1);
     return "[" + out + "]";
   }
   if (!py::isinstance<py::float_>(v))
-    throw py::type_error("a scene takes bool, int, float, str, lists and dicts of them, not " +
+    throw py::type_error(key + ": a scene takes bool, int, float, str, lists and dicts of them, not " +
                          py::str(py::type::of(v)).cast<std::string>());
   const auto number = v.cast<double>();
-  if (!std::isfinite(number)) throw py::value_error("a scene takes finite numbers only");
+  if (!std::isfinite(number)) refuse("{}: a scene takes finite numbers only", key);
   const std::string text = fmt::format("{}", number);
   return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
 }
 
-py::object parsed(const std::string& document) { return py::module_::import("json").attr("loads")(document); }
-
-/// A scene file and what is set on top of it. Every change is checked at once.
-struct PyScene {
-  std::string file;
-  std::vector<std::string> sets;
-  Scene scene;
-
-  PyScene(std::string path, std::vector<std::string> changes)
-      : file(std::move(path)), sets(std::move(changes)) {
-    if (file == "-") refuse("Scene.load: '-' (stdin) is for the command");
-    scene = read_scene(file, sets);
-  }
-  PyScene& set(const std::string& key, const py::handle& value) {
-    auto more = sets;
-    more.push_back(key + "=" + toml_of(value));
-    scene = read_scene(file, more);
-    sets = std::move(more);
-    return *this;
-  }
-  [[nodiscard]] RunOptions options(Capture& to) const {
-    RunOptions o;
-    o.scene = file;
-    o.sets = sets;
-    o.json = true;
-    o.capture = &to;
-    return o;
-  }
-  [[nodiscard]] std::vector<std::string> motors() const {
-    std::vector<std::string> out;
-    for (const std::size_t j : scene.motor_joints()) out.push_back(joints()[j]);
-    return out;
-  }
-  [[nodiscard]] std::vector<std::string> joints() const {
-    if (scene.type == MechanismType::five_bar) return {"theta11", "theta12", "theta21", "theta22"};
-    return {"theta1", "theta2"};
-  }
-};
+namespace {
 
 struct Run {
   Capture capture;
@@ -179,22 +80,6 @@ std::shared_ptr<Plan> plan(const PyScene& s) {
   return out;
 }
 
-/// None in the processes that mpirun has started beside the first one.
-py::object sweep(const std::string& spec, const std::string& out, int threads, bool restart) {
-  if (threads < 0 || threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", threads);
-  Capture c;
-  SweepOptions o;
-  o.spec = spec;
-  o.out = out;
-  o.command_line = "esmc.sweep";
-  o.jobs = threads;
-  o.json = true;
-  o.restart = restart;
-  o.capture = &c;
-  (void)released([&] { return run_sweep(o); });
-  return c.document.empty() ? py::object(py::none()) : parsed(c.document);
-}
-
 /// Columns as views into the run, which they keep alive.
 template <class Of>
 py::dict log_of(const py::object& self) {
@@ -216,10 +101,10 @@ py::object document_of(const PyScene& s) {
   (void)released([&] { return command(s.options(c)); });
   return parsed(c.document);
 }
-py::object compare(const std::string& a, const std::string& b, double tolerance) {
+py::object compare(const std::filesystem::path& a, const std::filesystem::path& b, double tolerance) {
   Capture c;
   const CompareOptions o{
-      .a = a, .b = b, .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
+      .a = a.string(), .b = b.string(), .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
   (void)released([&] { return run_compare(o); });
   return parsed(c.document);
 }
@@ -236,140 +121,24 @@ py::object arrays(const py::object& v) {
 }
 
 py::object model(const PyScene& s, const py::dict& state) {
-  const auto plain = py::module_::import("json").attr("dumps")(
-      state, py::arg("default") = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); }),
-      py::arg("allow_nan") = false);
-  const std::string document = evaluate(model_case(s.scene, plain.cast<std::string>()), "state", false);
+  std::string plain;
+  try {
+    const auto list = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); });
+    plain = py::module_::import("json")
+                .attr("dumps")(state, py::arg("default") = list, py::arg("allow_nan") = false)
+                .cast<std::string>();
+  } catch (const py::error_already_set& e) {
+    if (!e.matches(PyExc_Exception)) throw;
+    const auto why = py::str(e.value()).cast<std::string>();
+    refuse("state: a dict of finite numbers and arrays of them is needed ({})", why);
+  }
+  const std::string document = evaluate(model_case(s.scene, plain), "state", false);
   return arrays(parsed(document)["cases"][py::int_(0)]);
 }
 
-SweepValue sweep_value(const py::handle& v) {
-  if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
-  if (py::isinstance<py::int_>(v)) return v.cast<std::int64_t>();
-  if (py::isinstance<py::str>(v)) return v.cast<std::string>();
-  const auto number = v.cast<double>();
-  if (!std::isfinite(number)) throw py::value_error("parameters must be finite");
-  return number;
-}
-
-std::vector<Objective> objectives_of(const std::vector<std::string>& names) {
-  std::vector<Objective> out;
-  for (std::size_t i = 0; i < objective_count; ++i) {
-    const auto o = static_cast<Objective>(i);
-    if (names.empty() ? o != Objective::tick_ns
-                      : std::ranges::count(names, std::string(objectives[i].name)) > 0)
-      out.push_back(o);
-  }
-  for (const std::string& n : names) {
-    if (std::ranges::none_of(objectives, [&](const ObjectiveText& o) { return o.name == n; }))
-      refuse("objectives: there is no '{}'", n);
-  }
-  return out;
-}
-
-RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
-  RolloutParameter out{key, {}};
-  if (py::isinstance<py::tuple>(v)) {
-    const auto pair = py::reinterpret_borrow<py::tuple>(v);
-    if (pair.size() != 2) refuse("parameters['{}']: a range is a tuple (from, to)", key);
-    const std::pair range(pair[0].cast<double>(), pair[1].cast<double>());
-    if (!std::isfinite(range.first) || !(range.first <= range.second) || !std::isfinite(range.second))
-      refuse("parameters['{}']: a range needs finite from <= to", key);
-    out.values = range;
-    return out;
-  }
-  const py::object list =
-      py::hasattr(v, "tolist") ? v.attr("tolist")() : py::reinterpret_borrow<py::object>(v);
-  if (!py::isinstance<py::list>(list))
-    refuse("parameters['{}']: a range (from, to), or a list or array with a value per case", key);
-  std::vector<SweepValue> values;
-  for (const auto& item : list) values.push_back(sweep_value(item));
-  out.values = std::move(values);
-  return out;
-}
-
-/// The torques of driven cases into the request. Returns the array, which must live as long as that.
-Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t every, RolloutRequest& r,
-                 std::optional<std::uint64_t>& n) {
-  const auto out = Array::ensure(torques);
-  const std::size_t motors = s.scene.motor_joints().size();
-  if (!out || out.ndim() != 3 || out.size() == 0 || static_cast<std::size_t>(out.shape(2)) != motors ||
-      out.shape(1) > std::numeric_limits<std::uint32_t>::max())
-    throw py::value_error(
-        fmt::format("torques: an array of shape (cases, ticks, {}) is needed, N m", motors));
-  if (n && *n != static_cast<std::uint64_t>(out.shape(0)))
-    refuse("torques: {} cases, n = {}", out.shape(0), *n);
-  r.torque = {out.data(), static_cast<std::size_t>(out.size())};
-  if (!std::ranges::all_of(r.torque, [](double v) { return std::isfinite(v); }))
-    refuse("torques: must be finite");
-  if (s.scene.accuracy) refuse("torques: simulation.accuracy is for whole runs");
-  n = static_cast<std::uint64_t>(out.shape(0));
-  r.ticks = static_cast<std::uint32_t>(out.shape(1));
-  r.every = every;
-  return out;
-}
-
-/// q and qd of driven cases: (cases, coordinates), or with `every` (cases, rows, coordinates).
-void add_states(const RolloutRequest& r, RolloutResult&& result, py::dict& out) {
-  const auto kept = std::make_unique<std::vector<double>>(std::move(result.states)).release();
-  const py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<double>*>(p); });
-  const std::size_t row = 2 * result.coordinates * sizeof(double);
-  for (const bool rates : {false, true}) {
-    std::vector<std::size_t> shape{r.cases, result.rows, result.coordinates},
-        strides{result.rows * row, row, sizeof(double)};
-    if (r.every == 0) {
-      shape.erase(shape.begin() + 1);
-      strides.erase(strides.begin() + 1);
-    }
-    out[rates ? "qd" : "q"] =
-        py::array_t<double>(shape, strides, kept->data() + (rates ? result.coordinates : 0), owner);
-  }
-}
-
-py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std::uint64_t> n,
-                 std::uint64_t seed, int threads, const std::vector<std::string>& wanted,
-                 const py::object& torques, std::uint32_t every) {
-  RolloutRequest r{.scene = s.file,
-                   .sets = s.sets,
-                   .parameters = {},
-                   .seed = seed,
-                   .threads = threads,
-                   .objectives = {},
-                   .torque = {},
-                   .ticks = 0,
-                   .every = 0};
-  const bool driven = !torques.is_none();
-  if (driven && !wanted.empty()) refuse("torques: there are no objectives, the result has q and qd");
-  if (!driven && every != 0) refuse("every: is of runs with torques");
-  if (!driven) r.objectives = objectives_of(wanted);
-  const Array given = driven ? torques_of(s, torques, every, r, n) : Array();
-  for (const auto& [key, value] : parameters)
-    r.parameters.push_back(parameter_of(py::str(key).cast<std::string>(), value));
-  for (const RolloutParameter& p : r.parameters) {
-    if (const auto* values = std::get_if<1>(&p.values); values != nullptr && !n) n = values->size();
-  }
-  r.cases = n.value_or(1);
-  RolloutResult result = released([&] { return driven ? run_driven(r) : run_rollout(r); });
-  const auto numpy = py::module_::import("numpy");
-  py::dict out;
-  for (std::size_t a = 0; a < r.parameters.size(); ++a)
-    out[py::str(r.parameters[a].key)] = numpy.attr("array")(py::cast(result.parameters[a]));
-  const std::size_t columns = r.objectives.size();
-  for (std::size_t c = 0; c < columns; ++c) {
-    py::array_t<double> column(static_cast<py::ssize_t>(r.cases));
-    auto to = column.mutable_unchecked<1>();
-    for (std::size_t i = 0; i < r.cases; ++i)
-      to(static_cast<py::ssize_t>(i)) = result.objectives[i * columns + c];
-    out[py::str(std::string(objectives[static_cast<std::size_t>(r.objectives[c])].name))] = column;
-  }
-  out["outcome"] = numpy.attr("array")(py::cast(result.outcomes));
-  out["seed"] = py::array_t<std::uint64_t>(static_cast<py::ssize_t>(r.cases), result.seeds.data());
-  if (driven) add_states(r, std::move(result), out);
-  return out;
-}
-
-std::span<const double> span_of(const Array& a) {
-  if (a.ndim() != 1) throw py::value_error("a one-dimensional array is needed");
+std::span<const double> span_of(const Array& a, const char* what) {
+  if (a.ndim() != 1)
+    refuse("{}: a one-dimensional array is needed, this one has {} dimensions", what, a.ndim());
   return {a.data(), static_cast<std::size_t>(a.size())};
 }
 Array array_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
@@ -391,8 +160,10 @@ Array coordinates(const PythonPlant& p) {
 void define_scene(py::module_& m) {
   py::class_<PyScene>(m, "Scene", "A scene file and what is set on top of it.")
       .def_static(
-          "load", [](const std::string& path) { return PyScene(path, {}); }, py::arg("path"),
-          "Reads a scene file (TOML). Raises InputError with file, line and key.")
+          "load", [](const std::filesystem::path& path) { return PyScene(path.string(), {}); },
+          py::arg("path"),
+          "Reads a scene file (TOML); path: str or os.PathLike. set and runs read the file again. Raises "
+          "InputError with file, line and key.")
       .def("set", &PyScene::set, py::arg("key"), py::arg("value"),
            py::return_value_policy::reference_internal,
            "Sets a key as --set does, entries counted from 1. Raises InputError, and then changes nothing.")
@@ -401,11 +172,11 @@ void define_scene(py::module_& m) {
       .def_property_readonly(
           "toml", [](const PyScene& s) { return s.scene.toml; }, "The scene as it will run.")
       .def_property_readonly(
-          "name", [](const PyScene& s) { return s.scene.name; }, "of the scene")
+          "name", [](const PyScene& s) { return s.scene.name; }, "Of the scene.")
       .def_property_readonly(
-          "duration", [](const PyScene& s) { return s.scene.duration; }, "s")
+          "duration", [](const PyScene& s) { return s.scene.duration; }, "Of a run, s.")
       .def_property_readonly(
-          "tick", [](const PyScene& s) { return s.scene.tick(); }, "of the controller, s")
+          "tick", [](const PyScene& s) { return s.scene.tick(); }, "Sample time of the controller, s.")
       .def_property_readonly("joints", &PyScene::joints, "Names in the order of the model.")
       .def_property_readonly("motors", &PyScene::motors,
                              "Names of the joints with motors, in the order of torques.")
@@ -418,51 +189,62 @@ void define_scene(py::module_& m) {
   py::class_<Run, std::shared_ptr<Run>>(m, "Run", "What a run left.")
       .def_readonly("summary", &Run::summary, "The document that --json prints, as a dict.")
       .def_property_readonly("log", &log_of<Run>,
-                             "Columns of log.csv by name: arrays of shape (ticks,), views into the run.")
+                             "Columns of log.csv by name: arrays of shape (ticks,), views into the run. s, "
+                             "m, rad, m/s, rad/s, N m.")
       .def_property_readonly(
           "digest", [](const Run& r) { return r.summary["digest"]; },
-          "16 hex digits over q and qd at every tick, as the command prints it.");
+          "16 hex digits over q and qd at every tick, as the command prints it.")
+      .def("__repr__", [](const Run& r) {
+        return py::str("<esmc.Run of {!r}: {} ticks, digest {}>")
+            .format(r.summary["scene"], r.summary["ticks"], r.summary["digest"]);
+      });
   py::class_<Plan, std::shared_ptr<Plan>>(m, "Plan", "A timed program.")
       .def_readonly("summary", &Plan::summary,
                     "The document that `esmc plan --json` prints, as a dict: duration_s, limits_active, ...")
-      .def_property_readonly(
-          "path", &log_of<Plan>,
-          "Columns of path.csv by name: arrays of shape (ticks + 1,), views into the plan. "
-          "s, m, rad, their derivatives, N m.");
+      .def_property_readonly("path", &log_of<Plan>,
+                             "Columns of path.csv by name: arrays of shape (ticks + 1,), views into the "
+                             "plan. s, m, rad, their derivatives, N m.");
 }
 
 void define_loop(py::module_& m) {
   py::class_<PythonTick>(m, "Tick", "Result of a controller's tick.")
       .def_property_readonly("torque", &of_tick<&PythonTick::torque>,
                              "N m at the joint, per motor, shape (motors,)")
-      .def_property_readonly("s", &of_tick<&PythonTick::s>, "Sliding variables, shape (channels,)")
+      .def_property_readonly("s", &of_tick<&PythonTick::s>,
+                             "Sliding variables, m/s or rad/s, shape (channels,)")
       .def_property_readonly("effector", &of_tick<&PythonTick::effector>, "Estimate, m, shape (2,)")
       .def_property_readonly("reference", &of_tick<&PythonTick::desired_effector>, "m, shape (2,)")
-      .def_readonly("state", &PythonTick::state, "of the supervisor")
+      .def_readonly("state", &PythonTick::state, "Of the supervisor: enabling, running, ...")
       .def_readonly("fault", &PythonTick::fault, "its name, or \"none\"")
-      .def_readonly("saturated", &PythonTick::saturated, "whether a torque was at its limit");
+      .def_readonly("saturated", &PythonTick::saturated, "whether a torque was at its limit")
+      .def("__repr__", [](const PythonTick& t) {
+        return fmt::format("<esmc.Tick {}, fault {}, torque [{}]>", t.state, t.fault,
+                           fmt::join(t.torque, ", "));
+      });
   py::class_<PythonController>(m, "Controller",
                                "The firmware's controller of a scene, enabled, without a bus.")
       .def(py::init([](const PyScene& s) { return make_python_controller(s.scene); }), py::arg("scene"))
       .def(
           "tick",
           [](PythonController& c, const Array& angle, const Array& rate, const std::string& command) {
-            return c.tick(span_of(angle), span_of(rate), command);
+            return c.tick(span_of(angle, "angle"), span_of(rate, "rate"), command);
           },
           py::arg("angle"), py::arg("rate"), py::arg("command") = "none",
           "One tick of the sample time. angle, rate: of all joints, shape (joints,), rad and rad/s; those "
-          "without a "
-          "sensor are not used. command: none, stop, halt, reset.");
+          "without a sensor are not used. command: none, stop, halt, reset.");
   py::class_<PythonPlant>(m, "Plant", "The true mechanism of a scene with its effects, without sensors.")
       .def(py::init([](const PyScene& s) { return make_python_plant(s.scene); }), py::arg("scene"))
       .def(
-          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque)); }, py::arg("torque"),
-          "Advances by one tick under torque, shape (motors,), N m at the joint.")
-      .def_property_readonly("t", &PythonPlant::t, "s")
+          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque, "torque")); },
+          py::arg("torque"), "Advances by one tick under torque, shape (motors,), N m at the joint.")
+      .def_property_readonly("t", &PythonPlant::t, "Time since the start, s")
       .def_property_readonly("angle", &coordinates<false, true>, "Of all joints, rad, shape (joints,)")
       .def_property_readonly("rate", &coordinates<true, true>, "Of all joints, rad/s, shape (joints,)")
-      .def_property_readonly("q", &coordinates<false, false>, "As final_state.q of a run's summary")
-      .def_property_readonly("qd", &coordinates<true, false>, "As final_state.qd")
+      .def_property_readonly(
+          "q", &coordinates<false, false>,
+          "As final_state.q of a run: with a five-bar x and y, then the joints; m, rad, shape (coordinates,)")
+      .def_property_readonly("qd", &coordinates<true, false>,
+                             "As final_state.qd, m/s, rad/s, shape (coordinates,)")
       .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
 }
 
@@ -482,6 +264,8 @@ void translate_errors(py::module_& m) {
       input(e.what());
     } catch (const RunError& e) {
       failed(e.what());
+    } catch (const py::cast_error&) {  // of an entry of a list, tuple or dict
+      input("an argument holds a value of the wrong type or size");
     }
   });
 }
@@ -498,26 +282,12 @@ PYBIND11_MODULE(esmc, m) {
   translate_errors(m);
   define_scene(m);
   define_loop(m);
+  define_batches(m);
   m.def("run", &run, py::arg("scene"), py::arg("mode") = "sim", py::arg("seed") = 1,
-        "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest.");
-  m.def("rollout", &rollout, py::arg("scene"), py::arg("parameters"), py::arg("n") = py::none(),
-        py::arg("seed") = 1, py::arg("threads") = 0, py::arg("objectives") = std::vector<std::string>{},
-        py::arg("torques") = py::none(), py::arg("every") = 0,
-        "n runs on all cores. parameters: {key: (from, to)} samples a range by latin hypercube, {key: list "
-        "or array} "
-        "gives each case its value; keys as in a sweep. Returns arrays of shape (n,): parameters, "
-        "objectives, outcome, seed (with which run repeats the case). torques, shape (n, ticks, motors), N m "
-        "at the joints: the true mechanism under these, each held for a tick, without controller. Then the "
-        "result has q and qd at the end, shape (n, coordinates) as in final_state, or with every = k at each "
-        "k-th tick from the start on and at the end, shape (n, rows, coordinates).");
+        "Runs a scene as `esmc sim` or `esmc hil` on the virtual bus does, with the same digest. seed: of "
+        "noise, 0 or more.");
   m.def("plan", &plan, py::arg("scene"),
         "Times the program of a scene, reference.type = \"program\", as `esmc plan` does.");
-  m.def(
-      "sweep", &sweep, py::arg("spec"), py::arg("out") = "", py::arg("threads") = 0,
-      py::arg("restart") = false,
-      "Runs the specification of a sweep as `esmc sweep SPEC --out OUT` does, and goes on with one that was "
-      "interrupted there or here. Returns summary.json as a dict; under mpirun None but in the first "
-      "process.");
   m.def("check", &document_of<run_check>, py::arg("scene"),
         "The document of `esmc check --json`, as a dict.");
   m.def("margins", &document_of<run_margins>, py::arg("scene"),
@@ -525,7 +295,8 @@ PYBIND11_MODULE(esmc, m) {
   m.def("compare", &compare, py::arg("a"), py::arg("b"), py::arg("tolerance") = 0.0,
         "The document of `esmc compare A B --json`, as a dict. a, b: directories of runs.");
   m.def("model", &model, py::arg("scene"), py::arg("state"),
-        "C, A, b, M_diag, H, ... of the scene's mechanism as `esmc eval` has them, as arrays. state: dict "
-        "with theta and "
-        "thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; rad, m, s.");
+        "The scene's mechanism as `esmc eval` has it, as arrays in SI units, with n coordinates (five-bar "
+        "18, arm 8): C (n, 2), A (n - 2, n), b (n - 2,), M_diag, g, f, bias (n,), H (2, 2), h (2,). state: "
+        "dict with theta and thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; "
+        "rad, m, s.");
 }

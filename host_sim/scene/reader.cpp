@@ -82,8 +82,9 @@ void Section::wrong(const toml::node& node, const std::string& key, const std::s
   const auto known = std::ranges::find(keys_, path(key), [](const Key& k) { return std::string(k.path); });
   if (known != keys_.end() && !known->choices.empty()) {  // a table has no entry
     unsure_ = true;
-    const std::string close = nearest(node.value_or(std::string()), words_of(known->choices));
-    if (!close.empty()) text += fmt::format("; did you mean {}?", close);
+    const auto given = node.value_or(std::string());
+    const std::string close = nearest(given, words_of(known->choices));
+    if (!close.empty() && close != given) text += fmt::format("; did you mean {}?", close);
   }
   note(place(node, file_), text);
 }

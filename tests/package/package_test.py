@@ -112,7 +112,7 @@ def command(usr, place, version):
 
 def module(usr, place):
     folder = usr / "lib/python3/dist-packages"
-    if not (folder / "esmc.pyi").is_file():
+    if not (folder / "esmc-stubs/__init__.pyi").is_file():
         yield "the types of the Python module are missing"
     done = run("/usr/bin/python3", "-c", "import esmc; print(esmc.run(esmc.Scene.load('arm.toml').set('simulation.duration', 0.1)).digest)",
                env={"PYTHONPATH": str(folder)}, cwd=place)

@@ -1,13 +1,18 @@
 #!/usr/bin/python3
 """The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study] [CLASS[.TEST] ...]
 study: 1e6 runs for the memory, 1e5 arguments for the fuzzer"""
+import concurrent.futures
+import contextlib
 import copy
 import csv
+import io
 import json
+import multiprocessing
 import os
 import pathlib
 import pickle
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -36,6 +41,10 @@ def short(path, duration=0.2):
 def command(*arguments):
     run = subprocess.run([ESMC, *arguments, "--json"], capture_output=True, text=True, check=False)
     return json.loads(run.stdout)
+
+
+def digest_of(scene):
+    return esmc.run(scene).digest
 
 
 def variants():
@@ -138,6 +147,82 @@ class Runs(unittest.TestCase):
         with self.assertRaises(KeyboardInterrupt):
             esmc.run(short(CIRCLE, 1e5).set("reference.join", 0.1))
         esmc.run(short(CIRCLE))  # and goes on
+
+
+class Habits(unittest.TestCase):
+    """What a user of numpy writes without thinking."""
+
+    def test_paths_and_another_working_directory(self):
+        path = pathlib.Path(CIRCLE)
+        wanted, here = esmc.run(short(CIRCLE)).digest, os.getcwd()
+        try:
+            os.chdir(path.parent)
+            scene = esmc.Scene.load(pathlib.Path(path.name)).set("simulation.duration", 0.2)
+            os.chdir("/")
+            for s in (scene, scene.copy(), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+                self.assertEqual(esmc.run(s).digest, wanted)
+        finally:
+            os.chdir(here)
+        with self.assertRaisesRegex(esmc.InputError, "no_such"):
+            esmc.sweep(path.with_name("no_such.toml"))
+        with self.assertRaisesRegex(esmc.InputError, "no_such"):
+            esmc.compare(path.with_name("no_such"), path)
+
+    def test_arrays_of_any_kind(self):
+        scene = short(CIRCLE)
+        wide = np.arange(8.0).reshape(2, 4) / 16
+        for given in ([0, 0.25], (0, 0.25), wide[:, 0], np.array([0, 0.25], np.float32), np.array([0, 0.25], object)):
+            plants = [esmc.Plant(scene), esmc.Plant(scene)]
+            plants[0].step(given)
+            plants[1].step(np.array([0.0, 0.25]))
+            np.testing.assert_array_equal(plants[0].q, plants[1].q)
+        values = np.linspace(20, 40, 8)
+        some = [esmc.rollout(scene, {"control.lambda": v}) for v in (values[::2], list(values[::2]), list(values)[::2], values.astype(np.float64, order="F")[::2])]
+        for other in some[1:]:
+            np.testing.assert_array_equal(some[0]["rms_m"], other["rms_m"])
+
+    def test_values_that_are_not_finite_are_bad_input(self):
+        scene, n = short(CIRCLE), float("nan")
+        plant = esmc.Plant(scene)
+        before = plant.q
+        for what, case in (("control.lambda", lambda: scene.set("control.lambda", n)), ("reference.center", lambda: scene.set("reference.center", [0.0, n])),
+                           ("control.lambda", lambda: esmc.rollout(scene, {"control.lambda": [20.0, n]})), ("control.lambda", lambda: esmc.rollout(scene, {"control.lambda": (n, 3.0)})),
+                           ("torque", lambda: plant.step([n, 0.0])), ("torques", lambda: esmc.rollout(scene, {}, torques=np.full((1, 2, 2), n))),
+                           ("state", lambda: esmc.model(scene, {"theta": [n, 1.0]}))):
+            with self.assertRaisesRegex(esmc.InputError, what):
+                case()
+        np.testing.assert_array_equal(plant.q, before)
+
+    def test_wrong_shapes_and_words_are_named(self):
+        scene = short(CIRCLE)
+        for what, case in (("control.lambda", lambda: esmc.rollout(scene, {"control.lambda": np.ones((2, 2))})), ("torque", lambda: esmc.Plant(scene).step(np.zeros((2, 1)))),
+                           ("angle", lambda: esmc.Controller(scene).tick(1.0, [0.0] * 4)), ("thetadot", lambda: esmc.model(scene, {"theta": [0.9, 1.1], "thetadot": [0, 0]})),
+                           (r'as in \["\+", "\+"\]$', lambda: scene.set("mechanism.working_mode", "+"))):
+            with self.assertRaisesRegex(esmc.InputError, what):
+                case()
+
+    def test_examples_of_the_page_run_in_their_order(self):
+        blocks, names = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.S), {}
+        self.assertGreaterEqual(len(blocks), 4)
+        with contextlib.chdir(ROOT), contextlib.redirect_stdout(io.StringIO()) as said:
+            for block in blocks:
+                exec(block, names)  # pylint: disable=exec-used
+        self.assertIn(names["run"].digest, said.getvalue())
+        np.testing.assert_array_equal(names["yours"].q, names["run"].summary["final_state"]["q"])
+
+    def test_threads_and_processes(self):
+        scene = short(CIRCLE)
+        wanted = esmc.run(scene).digest
+        with concurrent.futures.ThreadPoolExecutor(4) as pool:
+            self.assertEqual({run.digest for run in pool.map(esmc.run, [scene.copy() for _ in range(12)])}, {wanted})
+        with multiprocessing.get_context("fork").Pool(2) as pool:
+            self.assertEqual(set(pool.map(digest_of, [scene] * 4)), {wanted})
+
+    def test_texts_in_a_prompt(self):
+        scene = short(CIRCLE)
+        run, plant = esmc.run(scene), esmc.Plant(scene)
+        self.assertIn(run.digest, repr(run))
+        self.assertIn("running", repr(esmc.Controller(scene).tick(plant.angle, plant.rate)))
 
 
 class Studies(unittest.TestCase):
@@ -291,16 +376,26 @@ to = 200.0
             whole = esmc.sweep(str(spec), out=d + "/whole", threads=2)
             self.assertEqual(whole, json.loads((pathlib.Path(d) / "whole/summary.json").read_text()))
             self.assertEqual(whole, esmc.sweep(str(spec)))
-            running = subprocess.Popen([ESMC, "sweep", str(spec), "--out", d + "/cut", "--jobs", "1"], stdout=subprocess.DEVNULL)
-            journal = pathlib.Path(d) / "cut/sweep.journal"
-            while running.poll() is None and not (journal.exists() and journal.stat().st_size > 1000):
-                time.sleep(0.01)
-            running.kill()
-            running.wait()
-            self.assertTrue(journal.exists())
-            self.assertEqual(esmc.sweep(str(spec), out=d + "/cut"), whole)
-            for name in ("cases.csv", "summary.json"):
-                self.assertEqual((pathlib.Path(d) / "cut" / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
+            python = lambda out: [sys.executable, "-c", f"import sys; sys.path.insert(0, {FOLDER!r}); import esmc; "
+                                  f"print(esmc.sweep({str(spec)!r}, out={d + '/' + out!r}, threads=1) is None)"]
+            folders = ["by_command", "by_python"]
+            for folder, begin in zip(folders, ([ESMC, "sweep", spec, "--out", d + "/by_command", "--jobs", "1"], python("by_python"))):
+                running = subprocess.Popen(begin, stdout=subprocess.DEVNULL)
+                journal = pathlib.Path(d) / folder / "sweep.journal"
+                while running.poll() is None and not (journal.exists() and journal.stat().st_size > 1000):
+                    time.sleep(0.01)
+                running.kill()
+                running.wait()
+                self.assertTrue(journal.exists())
+            self.assertEqual(esmc.sweep(str(spec), out=d + "/by_command"), whole)
+            self.assertEqual(command("sweep", spec, "--out", d + "/by_python"), whole)
+            if shutil.which("mpirun") and pathlib.Path(FOLDER).with_name("esmc_mpi.so").exists():
+                said = subprocess.run(["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "3", *python("ranks")], capture_output=True, text=True, check=True).stdout
+                self.assertEqual((said.count("False"), said.count("True")), (1, 2))
+                folders.append("ranks")
+            for folder in folders:
+                for name in ("cases.csv", "summary.json"):
+                    self.assertEqual((pathlib.Path(d) / folder / name).read_bytes(), (pathlib.Path(d) / "whole" / name).read_bytes())
 
 
 class Memory(unittest.TestCase):
