@@ -21,9 +21,10 @@ struct HomingConfig {
 };
 
 /// A joint moves at its speed, by a speed controller within the torque, until it stands under the whole
-/// torque for 1 / share ticks. That is its stop if it has moved by a hundredth of the travel; otherwise it
-/// must move away by as much and come back, for a motor without torque stands too. The second joint is damped
-/// meanwhile, so that a closed chain lets the first one pass; the first one then stays pressed on its stop.
+/// torque for 1 / share ticks. It then moves away by a hundredth of the travel and must come to stand in the
+/// same place again: a motor without torque and an encoder that froze stand too, but anywhere. The second
+/// joint is damped meanwhile, so that a closed chain lets the first one pass; the first one then stays
+/// pressed on its stop.
 template <class S>
 class Homing {
  public:
@@ -51,7 +52,8 @@ class Homing {
       if (j > joint_) {
         torque[j] = clamped(-config_.damping[j] * rate[j], j);
       } else {
-        torque[j] = drive(j, j == joint_ && away_ ? -config_.speed[j] : config_.speed[j], rate[j]);
+        torque[j] =
+            drive(j, j == joint_ && way_ == Way::away ? -config_.speed[j] : config_.speed[j], rate[j]);
       }
     }
     return Fault::none;
@@ -74,6 +76,8 @@ class Homing {
   }
 
  private:
+  enum class Way : std::uint8_t { there, away, back };  ///< to the stop, off it, and to it again
+
   [[nodiscard]] S slow(int j) const { return std::abs(config_.speed[j]) * S(0.125); }
   [[nodiscard]] S proof() const { return config_.travel * S(0.01); }
   [[nodiscard]] S clamped(S torque, int j) const {
@@ -96,44 +100,42 @@ class Homing {
     return clamped(integral_[j] + config_.damping[j] * error, j);
   }
 
-  void begin(S angle) {
+  void begin(Way way, S angle) {
+    way_ = way;
     from_ = angle;
     ticks_ = standing_ = 0;
     begun_ = true;
   }
   /// Moves on to the next way or joint where the present one stands under the torque of the last tick.
   Fault seek(S angle, S rate) {
-    if (!begun_) begin(angle);
-    const S way = away_ ? -config_.speed[joint_] : config_.speed[joint_];
+    if (!begun_) begin(Way::there, angle);
+    const S way = way_ == Way::away ? -config_.speed[joint_] : config_.speed[joint_];
     const S passed = S(ticks_++) * sample_time_ * std::abs(way);
     if (!within(angle - from_, config_.travel) || passed > S(2) * config_.travel) return Fault::home_no_stop;
-    moved_ = moved_ || !within(angle - from_, proof());
     const bool whole = !within(integral_[joint_], config_.torque[joint_] * S(0.999F)) &&
                        (integral_[joint_] < S(0)) == (way < S(0));
     standing_ = whole && within(rate, slow(joint_)) ? standing_ + 1 : 0;
     const bool stands = S(standing_) * config_.share >= S(1);
-    if (away_) {
+    if (way_ == Way::away) {
       if (stands) return Fault::sign_test;
-      if (moved_) turn(false, angle);
-    } else if (stands && moved_) {
-      stop_[joint_++] = angle;
-      moved_ = begun_ = false;
+      if (!within(angle - from_, proof())) begin(Way::back, angle);
+    } else if (stands && way_ == Way::there) {
+      stop_[joint_] = angle;
+      begin(Way::away, angle);
     } else if (stands) {
-      turn(true, angle);
+      if (!within(angle - stop_[joint_], proof())) return Fault::home_no_stop;
+      stop_[joint_++] = angle;
+      begun_ = false;
     }
     return Fault::none;
-  }
-  void turn(bool away, S angle) {
-    away_ = away;
-    begin(angle);
   }
 
   HomingConfig<S> config_{};
   S sample_time_{};
   std::uint32_t halt_ticks_ = 0;
   int joint_ = 0;                           // that seeks its stop; 2: none
-  bool begun_ = false, away_ = false;       // the way; it leads away from the stop
-  bool moved_ = false, resting_ = false;    // by proof(); at the last brake()
+  Way way_ = Way::there;                    // of that joint
+  bool begun_ = false, resting_ = false;    // the way; at the last brake()
   S from_{};                                // rad, where the way began
   std::uint32_t ticks_ = 0, standing_ = 0;  // on the way; without a break under the whole torque
   std::uint32_t brake_ticks_ = 0;

@@ -75,10 +75,15 @@ struct Bench {
 
   /// The encoders, each off by where its joint was switched on.
   void show() {
+    const double kept = frozen < 0 ? 0.0 : rig.angle[static_cast<std::size_t>(frozen) * second];
     rig.angle[0] = q[0] - start()[0];
     rig.angle[second] = q[1] - start()[1];
     rig.rate[0] = v[0];
     rig.rate[second] = v[1];
+    if (frozen >= 0) {
+      rig.angle[static_cast<std::size_t>(frozen) * second] = kept;
+      rig.rate[static_cast<std::size_t>(frozen) * second] = 0.0;
+    }
     if constexpr (M::joints == 4) {
       if (rig.controller().sensors != Sensors::all) return;
       const auto now = passive(q[0], q[1], side), then = passive(start()[0], start()[1], side);
@@ -123,6 +128,7 @@ struct Bench {
   Desk desk;
   std::array<double, 2> q = start(), v{}, gives{1.0, 1.0}, push{};
   std::array<double, 2> lower{stops()[0], -9.0}, upper{9.0, stops()[1]};
+  int frozen = -1;  ///< base joint whose encoder is; -1: none
   double side = configured, most = 0.0, fastest = 0.0;
 };
 
@@ -163,13 +169,43 @@ TYPED_TEST(Homing, AJointOnItsStopMovesAwayAndComesBack) {
   EXPECT_NEAR(b.q[0], b.lower[0], 1e-3);
 }
 
-TYPED_TEST(Homing, AMotorWithoutTorqueHasNoStop) {
+TYPED_TEST(Homing, AMotorThatLosesItsTorqueHasNoStop) {
+  for (const std::size_t i : {0U, 1U}) {
+    for (const double way : {-1.0, 0.1}) {  // from the beginning, and on the way
+      Bench<TypeParam> b;
+      b.home();
+      b.run([&] { return std::abs(b.q[i] - b.start()[i]) > way; });
+      b.gives[i] = 0.0;
+      b.run([&] { return b.state() == State::fault; });
+      EXPECT_EQ(b.fault(), Fault::sign_test) << name(b.fault());
+      EXPECT_TRUE(b.zero_unknown() && b.rig.all_zero());
+    }
+  }
+}
+
+TYPED_TEST(Homing, AnEncoderThatFreezesHasNoStop) {
   for (const std::size_t i : {0U, 1U}) {
     Bench<TypeParam> b;
-    b.gives[i] = 0.0;
     b.home();
+    b.run([&] { return std::abs(b.q[i] - b.start()[i]) > 0.1; });
+    b.frozen = static_cast<int>(i);
     b.run([&] { return b.state() == State::fault; });
-    EXPECT_EQ(b.fault(), Fault::sign_test);
+    EXPECT_EQ(b.fault(), Fault::sign_test) << name(b.fault());
+    EXPECT_TRUE(b.zero_unknown());
+  }
+}
+
+TYPED_TEST(Homing, AStopThatIsNotInTheSamePlaceAgainIsNone) {
+  for (const std::size_t i : {0U, 1U}) {
+    Bench<TypeParam> b;
+    const double first = i == 0 ? b.lower[0] : b.upper[1], way = i == 0 ? -1.0 : 1.0;
+    b.home();
+    b.run([&] { return std::abs(b.q[i] - first) < 1e-6; });
+    b.run([&] { return std::abs(b.q[i] - first) > 0.015; });
+    (i == 0 ? b.lower[0] : b.upper[1]) += way * 0.03;  // it gives way by more than a hundredth of the travel
+    b.run([&] { return b.state() == State::fault; });
+    EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
+    EXPECT_TRUE(b.still());
   }
 }
 
@@ -355,14 +391,18 @@ TEST(HomingByItself, PressesOnAndJudgesTheSpeedOfABrake) {
   c.travel = 2.0;
   c.share = 0.01;
   esmc::Homing<double> homing(c, 1e-3, 100);
-  Vec2<double> torque;
+  Vec2<double> torque = Vec2<double>::Zero();
   EXPECT_EQ(homing.brake({9.0, 0.0}, torque), Fault::joint_speed);
   homing.reset();
   Vec2<double> angle = Vec2<double>::Zero();
-  for (int n = 0; n < 3000 && !homing.done(); ++n) {
+  const Vec2<double> stop(-0.1, 0.1);
+  for (int n = 0; n < 5000 && !homing.done(); ++n) {
     Vec2<double> rate = Vec2<double>::Zero();
-    const int moves = n < 200 ? 0 : (n > 450 && n < 750 ? 1 : -1);
-    if (moves >= 0) rate[moves] = c.speed[moves];
+    for (int j = 0; j < 2; ++j) {  // at its speed where the torque is whole, and up to its stop
+      if (std::abs(torque[j]) > 0.299) rate[j] = std::copysign(0.4, torque[j]);
+      const double to = angle[j] + rate[j] * 1e-3;
+      if (j == 0 ? to < stop[0] : to > stop[1]) rate[j] = 0.0;
+    }
     angle += rate * 1e-3;
     ASSERT_EQ(homing.step(angle, rate, torque), Fault::none) << n;
   }
