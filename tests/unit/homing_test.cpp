@@ -23,7 +23,7 @@ using Five = FiveBar<double>;
 using Arm = Rr<float>;
 
 constexpr double configured = -1.0;  ///< side of passive() in the assembly mode of setup()
-constexpr double tick_time = 1e-3, torque_most = 0.3, speed = 0.4;
+constexpr double tick_time = 1e-3, torque_most = 0.3, speed = 0.4, back_off = 0.02;
 
 /// Passive angles of a five-bar with these base angles; `side`: of the two ways to assemble it.
 std::array<double, 2> passive(double q1, double q2, double side) {
@@ -59,6 +59,7 @@ struct Bench {
     s.homing.torque = {S(torque_most), S(torque_most)};
     s.homing.damping = {S(0.08), S(0.08)};
     s.homing.travel = S(2.0);
+    s.homing.back_off = S(back_off);
     s.homing.share = S(0.01);
     s.zero_pose[0] = S(stops()[0]);
     s.zero_pose[second] = S(stops()[1]);
@@ -147,10 +148,12 @@ TYPED_TEST(Homing, BothStopsSetTheZero) {
   EXPECT_LT(b.fastest, 1.5 * speed);
   b.tick();
   b.run([&] { return !b.zero_unknown(); }, 20);
-  for (std::size_t i = 0; i < 2; ++i)
-    EXPECT_NEAR(
-        static_cast<double>(b.rig.cycle.sample().angle[static_cast<int>(i) * Bench<TypeParam>::second]),
-        b.q[i], 1e-4);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const double at =
+        static_cast<double>(b.rig.cycle.sample().angle[static_cast<int>(i) * Bench<TypeParam>::second]);
+    EXPECT_NEAR(at, b.q[i], 1e-4);
+    EXPECT_NEAR(std::abs(at - b.stops()[i]), 1.5 * back_off, 0.5 * back_off);
+  }
   EXPECT_TRUE(b.rig.start()) << name(b.fault());
 }
 
@@ -166,7 +169,7 @@ TYPED_TEST(Homing, AJointOnItsStopMovesAwayAndComesBack) {
   });
   EXPECT_EQ(b.fault(), Fault::none);
   EXPECT_GT(away, 0.02);
-  EXPECT_NEAR(b.q[0], b.lower[0], 1e-3);
+  EXPECT_NEAR(b.q[0], b.lower[0] + 1.5 * back_off, 0.5 * back_off);
 }
 
 TYPED_TEST(Homing, AMotorThatLosesItsTorqueHasNoStop) {
@@ -346,6 +349,29 @@ TYPED_TEST(Homing, AnEarlyEndLeavesNoZero) {
   EXPECT_EQ(b.fault(), Fault::zero_not_confirmed);
 }
 
+TYPED_TEST(Homing, AHaltAfterBothStopsLeavesNoZero) {
+  Bench<TypeParam> b;
+  b.home();
+  b.run([&] { return b.q[1] > b.upper[1] - back_off / 2 && b.v[0] > 0.5 * speed; });
+  b.tick(Command::none, {b.desk.order(Desk::disarm)});
+  b.run([&] { return b.state() == State::disabled; }, 500);
+  b.tick();
+  EXPECT_TRUE(b.zero_unknown());
+}
+
+TYPED_TEST(Homing, AJointThatCannotLeaveItsStopHasATimeLimit) {
+  for (const std::size_t i : {0U, 1U}) {
+    Bench<TypeParam> b;
+    b.home();
+    b.run([&] { return b.v[0] > 0.5 * speed && b.q[1] > b.upper[1] - back_off / 2; });
+    b.lower[0] = i == 0 ? b.q[0] : b.lower[0];
+    b.gives[i] = 0.0;
+    b.push[i] = i == 0 ? -0.01 : 0.01;
+    b.run([&] { return b.state() == State::fault; });
+    EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
+  }
+}
+
 TYPED_TEST(Homing, IsOrderedWhileDisabledWithTheKnownTableAndOnlyWhereItExists) {
   auto none = Bench<TypeParam>::usual();
   none.homing = {};
@@ -382,34 +408,59 @@ Setup<Five> all_encoders() {
   for (int i = 0; i < 2; ++i) s.zero_pose[2 * i + 1] = at[static_cast<std::size_t>(i)];
   return s;
 }
-/// By itself: on both stops it goes on to press on them, and a brake judges the speed as well.
-TEST(HomingByItself, PressesOnAndJudgesTheSpeedOfABrake) {
-  HomingConfig<double> c;
-  c.speed = {-0.4, 0.4};
-  c.torque = {0.3, 0.3};
-  c.damping = {0.08, 0.08};
-  c.travel = 2.0;
-  c.share = 0.01;
-  esmc::Homing<double> homing(c, 1e-3, 100);
-  Vec2<double> torque = Vec2<double>::Zero();
-  EXPECT_EQ(homing.brake({9.0, 0.0}, torque), Fault::joint_speed);
-  homing.reset();
-  Vec2<double> angle = Vec2<double>::Zero();
-  const Vec2<double> stop(-0.1, 0.1);
-  for (int n = 0; n < 5000 && !homing.done(); ++n) {
-    Vec2<double> rate = Vec2<double>::Zero();
-    for (int j = 0; j < 2; ++j) {  // at its speed where the torque is whole, and up to its stop
-      if (std::abs(torque[j]) > 0.299) rate[j] = std::copysign(0.4, torque[j]);
+/// By itself, of joints that move at their speed under the whole torque and stand otherwise.
+struct ByItself {
+  ByItself() {
+    HomingConfig<double> c;
+    c.speed = {-0.4, 0.4};
+    c.torque = {0.3, 0.3};
+    c.damping = {0.08, 0.08};
+    c.travel = 2.0;
+    c.back_off = 0.02;
+    c.share = 0.01;
+    homing = esmc::Homing<double>(c, 1e-3, 100);
+  }
+  Fault step() {
+    for (int j = 0; j < 2; ++j) {
+      rate[j] = std::abs(torque[j]) > 0.299 ? std::copysign(0.4, torque[j]) : 0.0;
       const double to = angle[j] + rate[j] * 1e-3;
       if (j == 0 ? to < stop[0] : to > stop[1]) rate[j] = 0.0;
     }
     angle += rate * 1e-3;
-    ASSERT_EQ(homing.step(angle, rate, torque), Fault::none) << n;
+    ++ticks;
+    return homing.step(angle, rate, torque);
   }
-  ASSERT_TRUE(homing.done());
-  for (int n = 0; n < 10; ++n) ASSERT_EQ(homing.step(angle, Vec2<double>::Zero(), torque), Fault::none);
-  EXPECT_LT(torque[0], -0.29);
-  EXPECT_GT(torque[1], 0.29);
+  esmc::Homing<double> homing;
+  Vec2<double> angle = Vec2<double>::Zero(), rate = angle, torque = angle, stop{-0.1, 0.1};
+  int ticks = 0;
+};
+
+TEST(HomingByItself, MeetsBothStopsForOneTickAndLeavesThem) {
+  ByItself h;
+  while (!h.homing.met()) {
+    ASSERT_EQ(h.step(), Fault::none) << h.ticks;
+    ASSERT_LT(h.ticks, 5000);
+    ASSERT_FALSE(h.homing.done());
+  }
+  EXPECT_LT((h.angle - h.stop).norm(), 1e-3);
+  EXPECT_LT(h.torque[0], -0.29);
+  EXPECT_GT(h.torque[1], 0.29);
+  while (!h.homing.done()) {
+    ASSERT_EQ(h.step(), Fault::none) << h.ticks;
+    ASSERT_LT(h.ticks, 5000);
+    ASSERT_FALSE(h.homing.met());
+  }
+  EXPECT_GT(h.angle[0] - h.stop[0], 0.02);
+  EXPECT_GT(h.stop[1] - h.angle[1], 0.02);
+  h.homing.reset();
+  EXPECT_FALSE(h.homing.done() || h.homing.met());
+}
+
+TEST(HomingByItself, ABrakeJudgesTheSpeed) {
+  ByItself h;
+  EXPECT_EQ(h.homing.brake({1.6, -1.6}, h.torque), Fault::none);
+  EXPECT_EQ(h.homing.brake({1.61, 0.0}, h.torque), Fault::joint_speed);
+  EXPECT_EQ(h.homing.brake({0.0, -1.61}, h.torque), Fault::joint_speed);
 }
 
 TEST(HomingWithAllEncoders, ShowsTheAssemblyModeAndAStopThatIsNone) {
