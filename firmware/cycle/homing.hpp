@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "firmware/safety/guards.hpp"
 #include "firmware/types.hpp"
@@ -132,7 +133,7 @@ class Homing {
   }
   /// Both joints off their stops, and to rest.
   Fault leave(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
-    if (!begun_) begin(Way::away, angle[0]);
+    if (!std::exchange(begun_, true)) ticks_ = 0;
     left_ = true;
     for (int j = 0; j < 2; ++j) {
       const bool off = !within(angle[j] - stop_[j], config_.back_off);

@@ -206,7 +206,7 @@ TYPED_TEST(Homing, AStopThatIsNotInTheSamePlaceAgainIsNone) {
     b.run([&] { return std::abs(b.q[i] - first) < 1e-6; });
     b.run([&] { return std::abs(b.q[i] - first) > 0.015; });
     (i == 0 ? b.lower[0] : b.upper[1]) += way * 0.03;  // it gives way by more than a hundredth of the travel
-    b.run([&] { return b.state() == State::fault; });
+    b.run([&] { return b.state() == State::fault; }, 1500);
     EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
     EXPECT_TRUE(b.still());
   }
@@ -461,6 +461,148 @@ TEST(HomingByItself, ABrakeJudgesTheSpeed) {
   EXPECT_EQ(h.homing.brake({1.6, -1.6}, h.torque), Fault::none);
   EXPECT_EQ(h.homing.brake({1.61, 0.0}, h.torque), Fault::joint_speed);
   EXPECT_EQ(h.homing.brake({0.0, -1.61}, h.torque), Fault::joint_speed);
+}
+
+/// In powers of two, so that ticks can be counted.
+HomingConfig<double> binary() {
+  HomingConfig<double> c;
+  c.speed = {-0.5, 0.25};
+  c.torque = {0.5, 0.5};
+  c.damping = {0.125, 0.125};
+  c.travel = 2.0;
+  c.back_off = 0.0625;
+  c.share = 1.0 / 64;
+  return c;
+}
+constexpr double binary_tick = 1.0 / 1024;
+const Vec2<double> none = Vec2<double>::Zero(), begin(5.0, -7.0);
+
+TEST(HomingByItself, ExistsWithATravel) {
+  HomingConfig<double> c;
+  EXPECT_FALSE(esmc::Homing<double>(c, binary_tick, 100).available());
+  c.travel = 0.5;
+  EXPECT_TRUE(esmc::Homing<double>(c, binary_tick, 100).available());
+}
+
+/// 64 ticks up to the whole torque, 64 under it.
+TEST(HomingByItself, AJointThatStandsTurnsWhenItsTimeIsOver) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  for (int n = 1; n <= 127; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  EXPECT_EQ(torque[0], -0.5);
+  ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  EXPECT_EQ(torque[0], -0.5 + 0.5 / 64 + 0.125 * 0.5);
+  // 126 ticks take the torque to the other side, and 64 more are the end of what does not move.
+  for (int n = 1; n <= 127 + 63; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, none, torque), Fault::sign_test);
+}
+
+TEST(HomingByItself, AWayHasATimeLimit) {
+  const Vec2<double> creeps(-0.07, 0.0);
+  Vec2<double> torque;
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  for (int n = 0; n <= 8192; ++n) ASSERT_EQ(h.step(begin, creeps, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, creeps, torque), Fault::home_no_stop);
+  // The way off a stop has its own, and the way back.
+  h.reset();
+  for (int n = 0; n < 128; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  for (int n = 0; n <= 8192; ++n) ASSERT_EQ(h.step(begin, -creeps, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, -creeps, torque), Fault::home_no_stop);
+}
+
+TEST(HomingByItself, TheWaitingJointIsDamped) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  ASSERT_EQ(h.step(begin, {0.0, 0.5}, torque), Fault::none);
+  EXPECT_EQ(torque[1], -0.0625);
+}
+
+TEST(HomingByItself, FourTimesTheLargerSpeedIsTooFast) {
+  for (const bool swapped : {false, true}) {
+    HomingConfig<double> c = binary();
+    c.speed = swapped ? Vec2<double>(-0.125, 0.25) : Vec2<double>(-0.25, 0.125);
+    esmc::Homing<double> h(c, binary_tick, 100);
+    Vec2<double> torque;
+    EXPECT_EQ(h.step(begin, {1.0, -1.0}, torque), Fault::none);
+    EXPECT_EQ(h.step(begin, {1.01, 0.0}, torque), Fault::joint_speed);
+    EXPECT_EQ(h.step(begin, {0.0, -1.01}, torque), Fault::joint_speed);
+  }
+}
+
+/// Homing on both stops, at `begin`.
+esmc::Homing<double> on_stops() {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque = none, angle = begin;
+  for (int n = 0; n < 3000 && !h.met(); ++n) {
+    EXPECT_EQ(h.step(angle, none, torque), Fault::none) << n;
+    angle = begin + Vec2<double>(torque[0] > 0.0 ? 0.07 : 0.0, torque[1] < 0.0 ? -0.07 : 0.0);
+  }
+  EXPECT_TRUE(h.met());
+  return h;
+}
+
+TEST(HomingByItself, ItHasLeftWhenBothAreOffAndSlow) {
+  Vec2<double> torque;
+  esmc::Homing<double> h = on_stops();
+  const Vec2<double> off = begin + Vec2<double>(0.07, -0.07);
+  const auto done = [&](const Vec2<double>& at, const Vec2<double>& rate) {
+    EXPECT_EQ(h.step(at, rate, torque), Fault::none);
+    EXPECT_FALSE(h.met());
+    return h.done();
+  };
+  EXPECT_FALSE(done(begin, none));
+  EXPECT_FALSE(done({off[0], begin[1]}, none));
+  EXPECT_FALSE(done({begin[0], off[1]}, none));
+  EXPECT_FALSE(done(off, {0.126, 0.0}));
+  EXPECT_FALSE(done(off, {0.0, -0.063}));
+  EXPECT_TRUE(done(off, {0.125, -0.0625}));
+  EXPECT_TRUE(done(off, none));
+  const Vec2<double> holds = torque;
+  EXPECT_TRUE(done(off, none));
+  EXPECT_EQ(torque, holds) << "at rest it needs no more";
+}
+
+TEST(HomingByItself, LeavingHasTheTimeOfTheSlowerJoint) {
+  Vec2<double> torque;
+  esmc::Homing<double> h = on_stops();
+  for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, none, torque), Fault::home_no_stop);
+}
+
+/// A fifth of the speed in a tick, and a twentieth of that for what stays.
+TEST(HomingByItself, ABrakeKeepsWhatCarriesAndLetsFrictionGo) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  const double damping = 0.125 * 0.05 * 64;
+  const auto brake = [&](double rate) {
+    EXPECT_EQ(h.brake({rate, -rate / 2}, torque), Fault::none);
+    EXPECT_NEAR(torque[1], -torque[0] / 2, 1e-9);
+    return torque[0] / damping;
+  };
+  EXPECT_NEAR(brake(0.2), -0.2 - 0.01, 1e-7);
+  EXPECT_NEAR(brake(0.2), -0.2 - 0.02, 1e-7);
+  EXPECT_NEAR(brake(-0.2), 0.2 - 0.016 + 0.01, 1e-7);
+  EXPECT_NEAR(brake(0.0), -0.006, 1e-7);
+  EXPECT_NEAR(h.brake({-0.06, 0.0}, torque) == Fault::none ? torque[0] / damping : 9.0, 0.06 - 0.006 + 0.003,
+              1e-7)
+      << "slow: a weight";
+}
+
+TEST(HomingByItself, ABrakeEndsAtRestOrFails) {
+  Vec2<double> torque;
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  for (const auto& [rate, rests] : {std::pair{Vec2<double>(0.125, -0.0625), true},
+                                    {Vec2<double>(0.126, 0.0), false},
+                                    {Vec2<double>(0.0, 0.0626), false}}) {
+    EXPECT_EQ(h.brake(rate, torque), Fault::none);
+    EXPECT_EQ(h.at_rest(), rests) << rate;
+  }
+  for (const auto& [halt_ticks, most] : {std::pair{100U, 400}, {5U, 40}}) {
+    h = esmc::Homing<double>(binary(), binary_tick, halt_ticks);
+    for (int n = 0; n < 1000; ++n) ASSERT_EQ(h.brake(none, torque), Fault::none);
+    for (int n = 0; n < most; ++n) ASSERT_EQ(h.brake({0.2, 0.0}, torque), Fault::none) << n;
+    EXPECT_EQ(h.brake({0.2, 0.0}, torque), Fault::halt_failed);
+  }
 }
 
 TEST(HomingWithAllEncoders, ShowsTheAssemblyModeAndAStopThatIsNone) {
