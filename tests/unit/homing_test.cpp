@@ -530,8 +530,8 @@ TEST(HomingByItself, FourTimesTheLargerSpeedIsTooFast) {
 }
 
 /// Homing on both stops, at `begin`.
-esmc::Homing<double> on_stops() {
-  esmc::Homing<double> h(binary(), binary_tick, 100);
+esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
+  esmc::Homing<double> h(c, binary_tick, 100);
   Vec2<double> torque = none, angle = begin;
   for (int n = 0; n < 3000 && !h.met(); ++n) {
     EXPECT_EQ(h.step(angle, none, torque), Fault::none) << n;
@@ -563,10 +563,14 @@ TEST(HomingByItself, ItHasLeftWhenBothAreOffAndSlow) {
 }
 
 TEST(HomingByItself, LeavingHasTheTimeOfTheSlowerJoint) {
-  Vec2<double> torque;
-  esmc::Homing<double> h = on_stops();
-  for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
-  EXPECT_EQ(h.step(begin, none, torque), Fault::home_no_stop);
+  for (const bool swapped : {false, true}) {
+    HomingConfig<double> c = binary();
+    if (swapped) c.speed = {-0.25, 0.5};
+    Vec2<double> torque;
+    esmc::Homing<double> h = on_stops(c);
+    for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
+    EXPECT_EQ(h.step(begin, none, torque), Fault::home_no_stop);
+  }
 }
 
 /// A fifth of the speed in a tick, and a twentieth of that for what stays.
@@ -591,6 +595,7 @@ TEST(HomingByItself, ABrakeKeepsWhatCarriesAndLetsFrictionGo) {
 TEST(HomingByItself, ABrakeEndsAtRestOrFails) {
   Vec2<double> torque;
   esmc::Homing<double> h(binary(), binary_tick, 100);
+  EXPECT_FALSE(h.at_rest());
   for (const auto& [rate, rests] : {std::pair{Vec2<double>(0.125, -0.0625), true},
                                     {Vec2<double>(0.126, 0.0), false},
                                     {Vec2<double>(0.0, 0.0626), false}}) {
