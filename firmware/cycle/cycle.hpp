@@ -425,19 +425,19 @@ class Cycle {
     if (numbers) zero_.confirm(sample_.angle);
   }
 
-  /// A tick of homing. Once both joints press on their stops, the mechanism stands in its zero pose.
+  /// A tick of homing. Where both joints press on their stops, the mechanism stands in its zero pose.
   [[gnu::cold, gnu::noinline]] TickResult<M> home() {
     TickResult<M> result = controller_.home(sample_, supervisor_, homing_);
     if (result.state == State::enabling) {
-      homing_start_ = sample_.angle;
+      homing_angle_ = sample_.angle;
       zero_.forget();  // what ends homing early must not look like its end
     }
-    if (result.state != State::testing || !result.stage_done) return result;
-    if (closes(homing_start_ + zero_.pose() - sample_.angle)) {
-      confirm_zero();
-    } else {
-      raise(Fault::loop_not_closed, result);
+    if (result.state != State::testing) return result;
+    if (homing_.met()) {
+      if (!closes(homing_angle_ + zero_.pose() - sample_.angle)) raise(Fault::loop_not_closed, result);
+      homing_angle_ = sample_.angle;
     }
+    if (result.stage_done) zero_.confirm(homing_angle_);
     return result;
   }
   /// The mechanism can be closed at these angles; encoders on all joints show the assembly mode as well.
@@ -519,7 +519,7 @@ class Cycle {
   link::CommandLink link_;
   S delay_ticks_;
   Homing<S> homing_;
-  Vec<S, M::joints> homing_start_ = Vec<S, M::joints>::Zero();  // rad, with the shift of that time
+  Vec<S, M::joints> homing_angle_ = Vec<S, M::joints>::Zero();  // rad: where it began, then on the stops
   Places motors_, sensors_;
   bool limits_fit_all_shafts_;  // every shaft can carry the torque limit of its joint
   std::array<S, static_cast<unsigned>(axes_max)> phase_{};

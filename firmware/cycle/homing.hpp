@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "firmware/safety/guards.hpp"
 #include "firmware/types.hpp"
@@ -17,13 +18,15 @@ struct HomingConfig {
   Vec2<S> torque = Vec2<S>::Zero();   ///< N m, > 0: the most that homing gives
   Vec2<S> damping = Vec2<S>::Zero();  ///< N m s/rad, > 0: torque of an error of the speed
   S travel{};                         ///< rad, > 0, in which a stop must be met
+  S back_off{};                       ///< rad, > 0, by which a stop is left
   S share{};  ///< of the error's torque that the integral takes up in a tick; > 0, below 0.1
 };
 
 /// A joint moves at its speed, by a speed controller within the torque, until it stands under the whole
-/// torque for 1 / share ticks. That is its stop if it has moved by a hundredth of the travel; otherwise it
-/// must move away by as much and come back, for a motor without torque stands too. The second joint is damped
-/// meanwhile, so that a closed chain lets the first one pass; the first one then stays pressed on its stop.
+/// torque for 1 / share ticks. It then moves away by a hundredth of the travel and must come to stand in the
+/// same place again: a motor without torque and an encoder that froze stand too, but anywhere. The second
+/// joint is damped meanwhile, so that a closed chain lets the first one pass; the first one then stays
+/// pressed on its stop.
 template <class S>
 class Homing {
  public:
@@ -33,7 +36,9 @@ class Homing {
       : config_(config), sample_time_(sample_time), halt_ticks_(halt_ticks) {}
 
   [[nodiscard]] bool available() const { return config_.travel > S(0); }  ///< there is homing
-  [[nodiscard]] bool done() const { return joint_ == 2; }  ///< both joints press on their stops
+  /// After step(): both joints press on their stops, for one tick.
+  [[nodiscard]] bool met() const { return joint_ == 2 && !begun_; }
+  [[nodiscard]] bool done() const { return left_; }        ///< both joints have left their stops
   [[nodiscard]] bool at_rest() const { return resting_; }  ///< in the last brake()
 
   /// Makes the next step() begin with the first joint.
@@ -43,15 +48,15 @@ class Homing {
   /// a joint is too fast, has met no stop, has left it again, or does not move.
   Fault step(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
-    if (joint_ < 2) {
-      if (const Fault f = seek(angle[joint_], rate[joint_]); f != Fault::none) return f;
-    }
+    if (joint_ == 2) return leave(angle, rate, torque);
+    if (const Fault f = seek(angle[joint_], rate[joint_]); f != Fault::none) return f;
     for (int j = 0; j < 2; ++j) {
-      if (j < joint_ && !within(angle[j] - stop_[j], proof())) return Fault::home_no_stop;
+      if (j < joint_ && !within(angle[j] - stop_[j], config_.back_off)) return Fault::home_no_stop;
       if (j > joint_) {
         torque[j] = clamped(-config_.damping[j] * rate[j], j);
       } else {
-        torque[j] = drive(j, j == joint_ && away_ ? -config_.speed[j] : config_.speed[j], rate[j]);
+        torque[j] =
+            drive(j, j == joint_ && way_ == Way::away ? -config_.speed[j] : config_.speed[j], rate[j]);
       }
     }
     return Fault::none;
@@ -74,8 +79,9 @@ class Homing {
   }
 
  private:
+  enum class Way : std::uint8_t { there, away, back };  ///< to the stop, off it, and to it again
+
   [[nodiscard]] S slow(int j) const { return std::abs(config_.speed[j]) * S(0.125); }
-  [[nodiscard]] S proof() const { return config_.travel * S(0.01); }
   [[nodiscard]] S clamped(S torque, int j) const {
     return std::clamp(torque, -config_.torque[j], config_.torque[j]);
   }
@@ -89,51 +95,62 @@ class Homing {
   S drive(int j, S wanted, S rate) {
     const S error = wanted - rate;
     const bool stands = within(rate, slow(j));
-    const S more = !stands         ? config_.damping[j] * error
-                   : wanted < S(0) ? -config_.torque[j]
-                                   : config_.torque[j];
+    const S more = !stands || wanted == S(0) ? config_.damping[j] * error
+                   : wanted < S(0)           ? -config_.torque[j]
+                                             : config_.torque[j];
     integral_[j] = clamped(integral_[j] + config_.share * more, j);
     return clamped(integral_[j] + config_.damping[j] * error, j);
   }
 
-  void begin(S angle) {
+  void begin(Way way, S angle) {
+    way_ = way;
     from_ = angle;
     ticks_ = standing_ = 0;
     begun_ = true;
   }
   /// Moves on to the next way or joint where the present one stands under the torque of the last tick.
   Fault seek(S angle, S rate) {
-    if (!begun_) begin(angle);
-    const S way = away_ ? -config_.speed[joint_] : config_.speed[joint_];
+    if (!begun_) begin(Way::there, angle);
+    const S way = way_ == Way::away ? -config_.speed[joint_] : config_.speed[joint_];
     const S passed = S(ticks_++) * sample_time_ * std::abs(way);
     if (!within(angle - from_, config_.travel) || passed > S(2) * config_.travel) return Fault::home_no_stop;
-    moved_ = moved_ || !within(angle - from_, proof());
     const bool whole = !within(integral_[joint_], config_.torque[joint_] * S(0.999F)) &&
                        (integral_[joint_] < S(0)) == (way < S(0));
     standing_ = whole && within(rate, slow(joint_)) ? standing_ + 1 : 0;
     const bool stands = S(standing_) * config_.share >= S(1);
-    if (away_) {
+    if (way_ == Way::away) {
       if (stands) return Fault::sign_test;
-      if (moved_) turn(false, angle);
-    } else if (stands && moved_) {
-      stop_[joint_++] = angle;
-      moved_ = begun_ = false;
+      if (!within(angle - from_, config_.back_off)) begin(Way::back, angle);
+    } else if (stands && way_ == Way::there) {
+      stop_[joint_] = angle;
+      begin(Way::away, angle);
     } else if (stands) {
-      turn(true, angle);
+      if (!within(angle - stop_[joint_], config_.back_off)) return Fault::home_no_stop;
+      stop_[joint_++] = angle;
+      begun_ = false;
     }
     return Fault::none;
   }
-  void turn(bool away, S angle) {
-    away_ = away;
-    begin(angle);
+  /// Both joints off their stops, and to rest.
+  Fault leave(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
+    if (!std::exchange(begun_, true)) ticks_ = 0;
+    left_ = true;
+    for (int j = 0; j < 2; ++j) {
+      const bool off = !within(angle[j] - stop_[j], config_.back_off);
+      left_ = left_ && off && within(rate[j], S(2) * slow(j));
+      torque[j] = drive(j, off ? S(0) : -config_.speed[j], rate[j]);
+    }
+    const S speed = std::min(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
+    return S(ticks_++) * sample_time_ * speed > S(2) * config_.travel ? Fault::home_no_stop : Fault::none;
   }
 
   HomingConfig<S> config_{};
   S sample_time_{};
   std::uint32_t halt_ticks_ = 0;
   int joint_ = 0;                           // that seeks its stop; 2: none
-  bool begun_ = false, away_ = false;       // the way; it leads away from the stop
-  bool moved_ = false, resting_ = false;    // by proof(); at the last brake()
+  Way way_ = Way::there;                    // of that joint
+  bool begun_ = false, left_ = false;       // the way; both stops
+  bool resting_ = false;                    // at the last brake()
   S from_{};                                // rad, where the way began
   std::uint32_t ticks_ = 0, standing_ = 0;  // on the way; without a break under the whole torque
   std::uint32_t brake_ticks_ = 0;

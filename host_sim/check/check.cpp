@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "host_sim/bus/response.hpp"
+#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
@@ -138,6 +139,27 @@ void judge_unattended(const Scene& scene, Findings& f) {
                 : "has no effect: without [command] and a timeout nobody watches the console");
 }
 
+/// The brake of homing is critically damped: a double pole at a tenth per tick. In a slow loop a weight gains
+/// more speed in a tick than it can take away in its time.
+void judge_homing(const Scene& scene, Findings& f) {
+  const std::vector<double>& speed = scene.drives.homing_speed;
+  const double ticks = std::max(40.0, 4.0 * scene.limits.halt_time * scene.rate_hz);
+  for (std::size_t i = 0; i < speed.size(); ++i) {
+    const HomingLoad load = homing_load(scene, i);
+    const double gained = load.weight / load.inertia * scene.tick();
+    const double left = gained * ticks * std::exp(-0.1 * ticks),
+                 most = std::max(std::abs(speed[0]), std::abs(speed[1]));
+    if (left <= 0.25 * std::abs(speed[i]) && gained <= 0.8 * most) continue;
+    f.warning(
+        Code::homing_sinks, "drives.homing_speed",
+        "joint {}: its weight gains {:.2g} rad/s in a tick of control.rate_hz = {:g}: in homing it may sink "
+        "faster than allowed (joint_speed), or not come to rest in time (halt_failed); a faster loop, or "
+        "homing without gravity",
+        i + 1, gained, scene.rate_hz);
+    return;
+  }
+}
+
 void judge_odrive(const Scene& scene, Findings& f) {
   if (!scene.odrive()) return;
   if (std::ranges::find(scene.drives.nodes, 0) != scene.drives.nodes.end())
@@ -153,6 +175,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
   judge_unattended(scene, v.findings);
+  judge_homing(scene, v.findings);
   judge_odrive(scene, v.findings);
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {

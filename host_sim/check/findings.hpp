@@ -42,6 +42,7 @@ enum class Code {
   heartbeat_timeout,
   units_suspicious,
   unattended,
+  homing_sinks,
 };
 template <>
 inline constexpr auto names_of<Code> =
@@ -50,9 +51,9 @@ inline constexpr auto names_of<Code> =
                "reference_overshoots", "not_followed",     "limit_crossed", "unreachable",
                "preload_lost",         "effect_idle",      "step_too_long", "bus_load",
                "bus_latency",          "identifier_clash", "node_zero",     "sample_rate",
-               "heartbeat_timeout",    "units_suspicious", "unattended"};
+               "heartbeat_timeout",    "units_suspicious", "unattended",    "homing_sinks"};
 
-static_assert(names_of<Code>.size() == static_cast<std::size_t>(Code::unattended) + 1);
+static_assert(names_of<Code>.size() == static_cast<std::size_t>(Code::homing_sinks) + 1);
 
 struct Finding {
   Level level;

@@ -37,6 +37,15 @@ drive::AxisConfig mount(const Scene& scene, std::size_t i) {
           static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
 }
 
+HomingLoad homing_load(const Scene& scene, std::size_t i) {
+  const FiveBarParams<double> p = believed_mechanism(scene);
+  const bool arm = scene.type == MechanismType::rr;
+  const LegParams<double>& leg = p.legs[arm ? 0 : i];
+  if (arm && i == 1) return {leg.J2 + leg.m2 * leg.lg2 * leg.lg2, p.g * leg.m2 * leg.lg2};
+  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1,
+          p.g * (leg.m1 * leg.lg1 + leg.m2 * leg.l1)};
+}
+
 namespace {
 
 /// Orders and set points that a supervisor computer may give, and its telemetry.
@@ -89,26 +98,22 @@ template <class S>
 HomingConfig<S> make_homing(const Scene& scene) {
   HomingConfig<S> h;
   if (scene.drives.homing_speed.empty()) return h;
-  const FiveBarParams<double> believed = believed_mechanism(scene);
-  const bool arm = scene.type == MechanismType::rr;
   const double bandwidth = std::min(40.0, 0.1 * scene.rate_hz);  // 1/s, below that of drives and delay
   double travel = 2.0 * std::numbers::pi;
   if (const auto& range = scene.limits.joint_angle)  // the stops may lie a little outside
     travel = 1.1 * std::max((*range)[0][1] - (*range)[0][0], (*range)[1][1] - (*range)[1][0]);
   for (int i = 0; i < 2; ++i) {
     const auto u = static_cast<std::size_t>(i);
-    const LegParams<double>& leg = believed.legs[arm ? 0 : u];
-    const double outer = leg.J2 + leg.m2 * leg.lg2 * leg.lg2,
-                 inner = leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1;
     h.speed[i] = static_cast<S>(scene.drives.homing_speed[u]);
     h.torque[i] = static_cast<S>(scene.drives.homing_torque[u]);
-    h.damping[i] = static_cast<S>(bandwidth * (arm && i == 1 ? outer : inner));
+    h.damping[i] = static_cast<S>(bandwidth * homing_load(scene, u).inertia);
   }
   h.travel = static_cast<S>(travel);
+  h.back_off = static_cast<S>(scene.drives.homing_back_off);
   h.share = static_cast<S>(0.25 * bandwidth * scene.tick());
   return h;
 }
-/// Homing ends in the zero pose, and arming begins there.
+/// Homing leaves the zero pose by the back-off, and arming begins there.
 template <class C>
 void require_homing_pose(const Scene& scene, const typename C::Config& c) {
   using M = typename C::Mechanism;
@@ -116,9 +121,12 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
   if (scene.drives.homing_speed.empty()) return;
   const ControllerConfig<M>& k = c.controller;
   const Vec2<S> base(c.zero_pose[0], c.zero_pose[M::joints / 2]);
-  const auto e = estimate_from_base(k.mechanism, k.mode, base, Vec2<S>::Zero().eval());
-  bool fits = e && M::in_working_mode(e->pose, k.mode) && k.limits.joint_angle[0].contains(base[0]) &&
-              k.limits.joint_angle[1].contains(base[1]) &&
+  Vec2<S> off = base;
+  for (int i = 0; i < 2; ++i) off[i] -= std::copysign(c.homing.back_off, c.homing.speed[i]);
+  const auto e = estimate_from_base(k.mechanism, k.mode, off, Vec2<S>::Zero().eval());
+  bool fits = e && estimate_from_base(k.mechanism, k.mode, base, Vec2<S>::Zero().eval()) &&
+              M::in_working_mode(e->pose, k.mode) && k.limits.joint_angle[0].contains(off[0]) &&
+              k.limits.joint_angle[1].contains(off[1]) &&
               M::min_abs_sin_type1(e->pose) >= k.limits.min_abs_sin_type1 &&
               M::sin_type2_in_mode(e->pose, k.mode) >= k.limits.min_abs_sin_type2;
   if constexpr (M::joints == 4) {
@@ -127,9 +135,11 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
                          k.limits.closure;
   }
   if (!fits)
-    throw InputError(scene.drives.where,
-                     "'zero_pose': the controller could not be armed on these end stops; they must close the "
-                     "mechanism in its modes, within limits.joint_angle and away from singularities");
+    throw InputError(
+        scene.drives.where,
+        "'zero_pose': the controller could not be armed after homing on these end stops; 'homing_back_off' "
+        "off "
+        "them the mechanism must close in its modes, within limits.joint_angle and away from singularities");
 }
 
 constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end

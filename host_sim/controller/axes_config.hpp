@@ -44,6 +44,12 @@ drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
 /// frame yet, or all have and no motor is being set up.
 [[nodiscard]] double waiting_time_max(const Scene& s);
 
+struct HomingLoad {
+  double inertia, weight;  ///< kg m2, N m at most
+};
+/// What homing moves with base joint i, as the controller's model has it.
+HomingLoad homing_load(const Scene& scene, std::size_t i);
+
 /// The cycle as a board has it, for the protocol of the scene; and its configuration.
 template <class M>
 using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>, MoteusCycle<M>>;

@@ -164,8 +164,8 @@ std::string text(const MotorMap<S, Joints>& v) {
 }
 template <class S>
 std::string text(const HomingConfig<S>& v) {
-  const auto& [speed, torque, damping, travel, share] = v;
-  return braces(speed, torque, damping, travel, share);
+  const auto& [speed, torque, damping, travel, back_off, share] = v;
+  return braces(speed, torque, damping, travel, back_off, share);
 }
 template <class Mode>
 std::string mode_text(const Mode& v) {

@@ -128,6 +128,14 @@ void check_moteus(const Section& s, const Scene& scene) {
   }
 }
 
+/// rad/s at the joint: the step in which the drive of motor i says a speed; 0: in floats.
+double speed_step(const DriveScene& d, std::size_t i) {
+  const bool v3 = d.protocol == Protocol::mit && d.dialect == drive::mit::Dialect::cubemars_v3;
+  if (d.protocol == Protocol::cia402 || v3) return d.velocity_unit / d.gear_ratio[i];
+  return d.protocol == Protocol::mit ? 2.0 * d.velocity_range[i] / drive::mit::code_max_12 / d.gear_ratio[i]
+                                     : 0.0;
+}
+
 /// The end stops are at zero_pose.
 void read_homing(Section& s, Scene& scene) {
   DriveScene& d = scene.drives;
@@ -142,6 +150,11 @@ void read_homing(Section& s, Scene& scene) {
   for (std::size_t i = 0; i < 2; ++i) {
     if (std::abs((*speed)[i]) < 1e-3 || std::abs((*speed)[i]) > scene.limits.joint_speed)
       s.fail("homing_speed", "must be at least 0.001 rad/s and at most limits.joint_speed, either way");
+    // A joint stands below an eighth of it, and at rest MIT drives say half a step.
+    if (const double least = 5.0 * speed_step(d, i); std::abs((*speed)[i]) < least)
+      s.fail("homing_speed", fmt::format("must be at least {:.3g} rad/s at joint {}: five steps of the speed "
+                                         "that its drive reports (velocity_range, velocity_unit, gear_ratio)",
+                                         least, i + 1));
     if (i < scene.torque_limit.size() && (*torque)[i] > scene.torque_limit[i])
       s.fail("homing_torque", "must be at most control.torque_limit");
   }
@@ -188,7 +201,6 @@ void read_drives(Section s, Scene& scene) {
       s.fail("zero_pose", "must have one angle per sensed joint");
     d.zero_pose = *pose;
   }
-  read_homing(s, scene);
   if (d.sign_test.value_or(false) && scene.all_motors)
     s.fail("sign_test", "is for two motors: with four, each moves all the others");
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::odrive_0_5) {
@@ -205,6 +217,7 @@ void read_drives(Section s, Scene& scene) {
   read_odrive(s, scene);
   read_mit(s, scene);
   check_moteus(s, scene);
+  read_homing(s, scene);
   s.finish();
 }
 

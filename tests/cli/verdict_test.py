@@ -264,6 +264,13 @@ class Verdicts(unittest.TestCase):
             self.assertIn(("hint", "units_suspicious", key), found)
         self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(self.circle, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
 
+    def test_homing_that_a_slow_loop_cannot_stop(self):
+        homing = ('drives.zero="end_stop"', "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.5, -0.5]", "drives.homing_torque=[1.0, 1.0]", 'command={arm="link", speed=0.5, acceleration=5.0}')
+        for rate, gravity, sinks in ((1000, 9.8, False), (250, 9.8, False), (100, 9.8, True), (25, 9.8, True), (25, 0.0, False)):
+            found = self.found(self.circle, *homing, f"control.rate_hz={rate}", f"mechanism.gravity={gravity}", "drives.watchdog_timeout=0.5")
+            self.assertEqual(("warning", "homing_sinks", "drives.homing_speed") in found, sinks, (rate, gravity, found))
+        self.assertNotIn("homing_sinks", {code for _, code, _ in self.found(self.circle, "control.rate_hz=100")})
+
     def test_node_zero_is_for_no_bus(self):
         zero = sets("drives.nodes=[0, 1]")
         self.assertIn("'drives.nodes' must be 1 or more on a bus", self.check(self.circle, "drives.nodes=[0, 1]")["not_on_bus_because"])

@@ -95,7 +95,8 @@ class CycleRun {
       c.zero_pose[static_cast<int>(j)] = static_cast<S>(setup_.angle[j]);
     turn_cycle(c, shape, at_effector());
     if (!c.zero_absolute)
-      c.homing = {{S(0.5F), S(-0.5F)}, {S(0.2F), S(0.2F)}, {S(0.05F), S(0.05F)}, S(0.1F), S(0.05F)};
+      c.homing = {
+          {S(0.5F), S(-0.5F)}, {S(0.2F), S(0.2F)}, {S(0.05F), S(0.05F)}, S(0.1F), S(0.001F), S(0.05F)};
     if constexpr (requires { P::kind(0U).old; }) {
       if (P::kind(shape.drive()).old)
         c.torque_mismatch = {};  // it does not say its torque, and the host refuses that

@@ -619,11 +619,12 @@ class Homing(Bench):
         self.assertIn("homed", self.good("home"))
         status = self.status()
         self.assertEqual((status["state"], status["fault"], status["zero_known"]), ("disabled", "none", True))
-        for joint, stop in zip(status["joints"], self.stops):
-            self.assertAlmostEqual(joint["angle"], stop, delta=2e-3)
+        for joint, stop, way in zip(status["joints"], self.stops, (1, -1)):  # it has left them by 0.05 and what 25 Hz need to stop
+            self.assertAlmostEqual((stop - joint["angle"]) * way, 0.1, delta=0.05)
         self.assertAt(self.good("goto", "0.05", "0.18"), (0.05, 0.18))
         self.assertIn("homed", self.good("home"))  # again, from elsewhere
-        self.assertEqual([round(j["angle"], 2) for j in self.status()["joints"]], [round(s, 2) for s in self.stops])
+        for joint, was in zip(self.status()["joints"], status["joints"]):
+            self.assertAlmostEqual(joint["angle"], was["angle"], delta=0.05)
 
 
 class HomingArm(Homing):

@@ -52,7 +52,7 @@ test::LoopSetup setup() {
   s.start = host::V2{0.03, 0.17};
   s.effects = {host::ViscousFriction{{0.02, 0.02, 0.02, 0.02}},
                host::EndStops{{-0.4, 0.2}, {1.8, 2.4}, 2000.0, 0.5}};
-  s.homing = {{homing_speed, -homing_speed}, {homing_torque, homing_torque}, {0.08, 0.08}, 2.0, 0.01};
+  s.homing = {{homing_speed, -homing_speed}, {homing_torque, homing_torque}, {0.08, 0.08}, 2.0, 0.02, 0.01};
   s.adjust = [](ControllerConfig<FiveBar<double>>& c) {
     c.halt_ticks = halt_ticks;
     c.after_halt = AfterHalt::hold;

@@ -23,7 +23,7 @@ using Five = FiveBar<double>;
 using Arm = Rr<float>;
 
 constexpr double configured = -1.0;  ///< side of passive() in the assembly mode of setup()
-constexpr double tick_time = 1e-3, torque_most = 0.3, speed = 0.4;
+constexpr double tick_time = 1e-3, torque_most = 0.3, speed = 0.4, back_off = 0.02;
 
 /// Passive angles of a five-bar with these base angles; `side`: of the two ways to assemble it.
 std::array<double, 2> passive(double q1, double q2, double side) {
@@ -59,6 +59,7 @@ struct Bench {
     s.homing.torque = {S(torque_most), S(torque_most)};
     s.homing.damping = {S(0.08), S(0.08)};
     s.homing.travel = S(2.0);
+    s.homing.back_off = S(back_off);
     s.homing.share = S(0.01);
     s.zero_pose[0] = S(stops()[0]);
     s.zero_pose[second] = S(stops()[1]);
@@ -75,10 +76,15 @@ struct Bench {
 
   /// The encoders, each off by where its joint was switched on.
   void show() {
+    const double kept = frozen < 0 ? 0.0 : rig.angle[static_cast<std::size_t>(frozen) * second];
     rig.angle[0] = q[0] - start()[0];
     rig.angle[second] = q[1] - start()[1];
     rig.rate[0] = v[0];
     rig.rate[second] = v[1];
+    if (frozen >= 0) {
+      rig.angle[static_cast<std::size_t>(frozen) * second] = kept;
+      rig.rate[static_cast<std::size_t>(frozen) * second] = 0.0;
+    }
     if constexpr (M::joints == 4) {
       if (rig.controller().sensors != Sensors::all) return;
       const auto now = passive(q[0], q[1], side), then = passive(start()[0], start()[1], side);
@@ -123,6 +129,7 @@ struct Bench {
   Desk desk;
   std::array<double, 2> q = start(), v{}, gives{1.0, 1.0}, push{};
   std::array<double, 2> lower{stops()[0], -9.0}, upper{9.0, stops()[1]};
+  int frozen = -1;  ///< base joint whose encoder is; -1: none
   double side = configured, most = 0.0, fastest = 0.0;
 };
 
@@ -141,10 +148,12 @@ TYPED_TEST(Homing, BothStopsSetTheZero) {
   EXPECT_LT(b.fastest, 1.5 * speed);
   b.tick();
   b.run([&] { return !b.zero_unknown(); }, 20);
-  for (std::size_t i = 0; i < 2; ++i)
-    EXPECT_NEAR(
-        static_cast<double>(b.rig.cycle.sample().angle[static_cast<int>(i) * Bench<TypeParam>::second]),
-        b.q[i], 1e-4);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const double at =
+        static_cast<double>(b.rig.cycle.sample().angle[static_cast<int>(i) * Bench<TypeParam>::second]);
+    EXPECT_NEAR(at, b.q[i], 1e-4);
+    EXPECT_NEAR(std::abs(at - b.stops()[i]), 1.5 * back_off, 0.5 * back_off);
+  }
   EXPECT_TRUE(b.rig.start()) << name(b.fault());
 }
 
@@ -160,16 +169,46 @@ TYPED_TEST(Homing, AJointOnItsStopMovesAwayAndComesBack) {
   });
   EXPECT_EQ(b.fault(), Fault::none);
   EXPECT_GT(away, 0.02);
-  EXPECT_NEAR(b.q[0], b.lower[0], 1e-3);
+  EXPECT_NEAR(b.q[0], b.lower[0] + 1.5 * back_off, 0.5 * back_off);
 }
 
-TYPED_TEST(Homing, AMotorWithoutTorqueHasNoStop) {
+TYPED_TEST(Homing, AMotorThatLosesItsTorqueHasNoStop) {
+  for (const std::size_t i : {0U, 1U}) {
+    for (const double way : {-1.0, 0.1}) {  // from the beginning, and on the way
+      Bench<TypeParam> b;
+      b.home();
+      b.run([&] { return std::abs(b.q[i] - b.start()[i]) > way; });
+      b.gives[i] = 0.0;
+      b.run([&] { return b.state() == State::fault; });
+      EXPECT_EQ(b.fault(), Fault::sign_test) << name(b.fault());
+      EXPECT_TRUE(b.zero_unknown() && b.rig.all_zero());
+    }
+  }
+}
+
+TYPED_TEST(Homing, AnEncoderThatFreezesHasNoStop) {
   for (const std::size_t i : {0U, 1U}) {
     Bench<TypeParam> b;
-    b.gives[i] = 0.0;
     b.home();
+    b.run([&] { return std::abs(b.q[i] - b.start()[i]) > 0.1; });
+    b.frozen = static_cast<int>(i);
     b.run([&] { return b.state() == State::fault; });
-    EXPECT_EQ(b.fault(), Fault::sign_test);
+    EXPECT_EQ(b.fault(), Fault::sign_test) << name(b.fault());
+    EXPECT_TRUE(b.zero_unknown());
+  }
+}
+
+TYPED_TEST(Homing, AStopThatIsNotInTheSamePlaceAgainIsNone) {
+  for (const std::size_t i : {0U, 1U}) {
+    Bench<TypeParam> b;
+    const double first = i == 0 ? b.lower[0] : b.upper[1], way = i == 0 ? -1.0 : 1.0;
+    b.home();
+    b.run([&] { return std::abs(b.q[i] - first) < 1e-6; });
+    b.run([&] { return std::abs(b.q[i] - first) > 0.015; });
+    (i == 0 ? b.lower[0] : b.upper[1]) += way * 0.03;  // it gives way by more than a hundredth of the travel
+    b.run([&] { return b.state() == State::fault; }, 1500);
+    EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
+    EXPECT_TRUE(b.still());
   }
 }
 
@@ -310,6 +349,29 @@ TYPED_TEST(Homing, AnEarlyEndLeavesNoZero) {
   EXPECT_EQ(b.fault(), Fault::zero_not_confirmed);
 }
 
+TYPED_TEST(Homing, AHaltAfterBothStopsLeavesNoZero) {
+  Bench<TypeParam> b;
+  b.home();
+  b.run([&] { return b.q[1] > b.upper[1] - back_off / 2 && b.v[0] > 0.5 * speed; });
+  b.tick(Command::none, {b.desk.order(Desk::disarm)});
+  b.run([&] { return b.state() == State::disabled; }, 500);
+  b.tick();
+  EXPECT_TRUE(b.zero_unknown());
+}
+
+TYPED_TEST(Homing, AJointThatCannotLeaveItsStopHasATimeLimit) {
+  for (const std::size_t i : {0U, 1U}) {
+    Bench<TypeParam> b;
+    b.home();
+    b.run([&] { return b.v[0] > 0.5 * speed && b.q[1] > b.upper[1] - back_off / 2; });
+    b.lower[0] = i == 0 ? b.q[0] : b.lower[0];
+    b.gives[i] = 0.0;
+    b.push[i] = i == 0 ? -0.01 : 0.01;
+    b.run([&] { return b.state() == State::fault; });
+    EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
+  }
+}
+
 TYPED_TEST(Homing, IsOrderedWhileDisabledWithTheKnownTableAndOnlyWhereItExists) {
   auto none = Bench<TypeParam>::usual();
   none.homing = {};
@@ -346,30 +408,206 @@ Setup<Five> all_encoders() {
   for (int i = 0; i < 2; ++i) s.zero_pose[2 * i + 1] = at[static_cast<std::size_t>(i)];
   return s;
 }
-/// By itself: on both stops it goes on to press on them, and a brake judges the speed as well.
-TEST(HomingByItself, PressesOnAndJudgesTheSpeedOfABrake) {
-  HomingConfig<double> c;
-  c.speed = {-0.4, 0.4};
-  c.torque = {0.3, 0.3};
-  c.damping = {0.08, 0.08};
-  c.travel = 2.0;
-  c.share = 0.01;
-  esmc::Homing<double> homing(c, 1e-3, 100);
-  Vec2<double> torque;
-  EXPECT_EQ(homing.brake({9.0, 0.0}, torque), Fault::joint_speed);
-  homing.reset();
-  Vec2<double> angle = Vec2<double>::Zero();
-  for (int n = 0; n < 3000 && !homing.done(); ++n) {
-    Vec2<double> rate = Vec2<double>::Zero();
-    const int moves = n < 200 ? 0 : (n > 450 && n < 750 ? 1 : -1);
-    if (moves >= 0) rate[moves] = c.speed[moves];
-    angle += rate * 1e-3;
-    ASSERT_EQ(homing.step(angle, rate, torque), Fault::none) << n;
+/// By itself, of joints that move at their speed under the whole torque and stand otherwise.
+struct ByItself {
+  ByItself() {
+    HomingConfig<double> c;
+    c.speed = {-0.4, 0.4};
+    c.torque = {0.3, 0.3};
+    c.damping = {0.08, 0.08};
+    c.travel = 2.0;
+    c.back_off = 0.02;
+    c.share = 0.01;
+    homing = esmc::Homing<double>(c, 1e-3, 100);
   }
-  ASSERT_TRUE(homing.done());
-  for (int n = 0; n < 10; ++n) ASSERT_EQ(homing.step(angle, Vec2<double>::Zero(), torque), Fault::none);
-  EXPECT_LT(torque[0], -0.29);
-  EXPECT_GT(torque[1], 0.29);
+  Fault step() {
+    for (int j = 0; j < 2; ++j) {
+      rate[j] = std::abs(torque[j]) > 0.299 ? std::copysign(0.4, torque[j]) : 0.0;
+      const double to = angle[j] + rate[j] * 1e-3;
+      if (j == 0 ? to < stop[0] : to > stop[1]) rate[j] = 0.0;
+    }
+    angle += rate * 1e-3;
+    ++ticks;
+    return homing.step(angle, rate, torque);
+  }
+  esmc::Homing<double> homing;
+  Vec2<double> angle = Vec2<double>::Zero(), rate = angle, torque = angle, stop{-0.1, 0.1};
+  int ticks = 0;
+};
+
+TEST(HomingByItself, MeetsBothStopsForOneTickAndLeavesThem) {
+  ByItself h;
+  while (!h.homing.met()) {
+    ASSERT_EQ(h.step(), Fault::none) << h.ticks;
+    ASSERT_LT(h.ticks, 5000);
+    ASSERT_FALSE(h.homing.done());
+  }
+  EXPECT_LT((h.angle - h.stop).norm(), 1e-3);
+  EXPECT_LT(h.torque[0], -0.29);
+  EXPECT_GT(h.torque[1], 0.29);
+  while (!h.homing.done()) {
+    ASSERT_EQ(h.step(), Fault::none) << h.ticks;
+    ASSERT_LT(h.ticks, 5000);
+    ASSERT_FALSE(h.homing.met());
+  }
+  EXPECT_GT(h.angle[0] - h.stop[0], 0.02);
+  EXPECT_GT(h.stop[1] - h.angle[1], 0.02);
+  h.homing.reset();
+  EXPECT_FALSE(h.homing.done() || h.homing.met());
+}
+
+TEST(HomingByItself, ABrakeJudgesTheSpeed) {
+  ByItself h;
+  EXPECT_EQ(h.homing.brake({1.6, -1.6}, h.torque), Fault::none);
+  EXPECT_EQ(h.homing.brake({1.61, 0.0}, h.torque), Fault::joint_speed);
+  EXPECT_EQ(h.homing.brake({0.0, -1.61}, h.torque), Fault::joint_speed);
+}
+
+/// In powers of two, so that ticks can be counted.
+HomingConfig<double> binary() {
+  HomingConfig<double> c;
+  c.speed = {-0.5, 0.25};
+  c.torque = {0.5, 0.5};
+  c.damping = {0.125, 0.125};
+  c.travel = 2.0;
+  c.back_off = 0.0625;
+  c.share = 1.0 / 64;
+  return c;
+}
+constexpr double binary_tick = 1.0 / 1024;
+const Vec2<double> none = Vec2<double>::Zero(), begin(5.0, -7.0);
+
+TEST(HomingByItself, ExistsWithATravel) {
+  HomingConfig<double> c;
+  EXPECT_FALSE(esmc::Homing<double>(c, binary_tick, 100).available());
+  c.travel = 0.5;
+  EXPECT_TRUE(esmc::Homing<double>(c, binary_tick, 100).available());
+}
+
+/// 64 ticks up to the whole torque, 64 under it.
+TEST(HomingByItself, AJointThatStandsTurnsWhenItsTimeIsOver) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  for (int n = 1; n <= 127; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  EXPECT_EQ(torque[0], -0.5);
+  ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  EXPECT_EQ(torque[0], -0.5 + 0.5 / 64 + 0.125 * 0.5);
+  // 126 ticks take the torque to the other side, and 64 more are the end of what does not move.
+  for (int n = 1; n <= 127 + 63; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, none, torque), Fault::sign_test);
+}
+
+TEST(HomingByItself, AWayHasATimeLimit) {
+  const Vec2<double> creeps(-0.07, 0.0);
+  Vec2<double> torque;
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  for (int n = 0; n <= 8192; ++n) ASSERT_EQ(h.step(begin, creeps, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, creeps, torque), Fault::home_no_stop);
+  // The way off a stop has its own, and the way back.
+  h.reset();
+  for (int n = 0; n < 128; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  for (int n = 0; n <= 8192; ++n) ASSERT_EQ(h.step(begin, -creeps, torque), Fault::none) << n;
+  EXPECT_EQ(h.step(begin, -creeps, torque), Fault::home_no_stop);
+}
+
+TEST(HomingByItself, TheWaitingJointIsDamped) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  ASSERT_EQ(h.step(begin, {0.0, 0.5}, torque), Fault::none);
+  EXPECT_EQ(torque[1], -0.0625);
+}
+
+TEST(HomingByItself, FourTimesTheLargerSpeedIsTooFast) {
+  for (const bool swapped : {false, true}) {
+    HomingConfig<double> c = binary();
+    c.speed = swapped ? Vec2<double>(-0.125, 0.25) : Vec2<double>(-0.25, 0.125);
+    esmc::Homing<double> h(c, binary_tick, 100);
+    Vec2<double> torque;
+    EXPECT_EQ(h.step(begin, {1.0, -1.0}, torque), Fault::none);
+    EXPECT_EQ(h.step(begin, {1.01, 0.0}, torque), Fault::joint_speed);
+    EXPECT_EQ(h.step(begin, {0.0, -1.01}, torque), Fault::joint_speed);
+  }
+}
+
+/// Homing on both stops, at `begin`.
+esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
+  esmc::Homing<double> h(c, binary_tick, 100);
+  Vec2<double> torque = none, angle = begin;
+  for (int n = 0; n < 3000 && !h.met(); ++n) {
+    EXPECT_EQ(h.step(angle, none, torque), Fault::none) << n;
+    angle = begin + Vec2<double>(torque[0] > 0.0 ? 0.07 : 0.0, torque[1] < 0.0 ? -0.07 : 0.0);
+  }
+  EXPECT_TRUE(h.met());
+  return h;
+}
+
+TEST(HomingByItself, ItHasLeftWhenBothAreOffAndSlow) {
+  Vec2<double> torque;
+  esmc::Homing<double> h = on_stops();
+  const Vec2<double> off = begin + Vec2<double>(0.07, -0.07);
+  const auto done = [&](const Vec2<double>& at, const Vec2<double>& rate) {
+    EXPECT_EQ(h.step(at, rate, torque), Fault::none);
+    EXPECT_FALSE(h.met());
+    return h.done();
+  };
+  EXPECT_FALSE(done(begin, none));
+  EXPECT_FALSE(done({off[0], begin[1]}, none));
+  EXPECT_FALSE(done({begin[0], off[1]}, none));
+  EXPECT_FALSE(done(off, {0.126, 0.0}));
+  EXPECT_FALSE(done(off, {0.0, -0.063}));
+  EXPECT_TRUE(done(off, {0.125, -0.0625}));
+  EXPECT_TRUE(done(off, none));
+  const Vec2<double> holds = torque;
+  EXPECT_TRUE(done(off, none));
+  EXPECT_EQ(torque, holds) << "at rest it needs no more";
+}
+
+TEST(HomingByItself, LeavingHasTheTimeOfTheSlowerJoint) {
+  for (const bool swapped : {false, true}) {
+    HomingConfig<double> c = binary();
+    if (swapped) c.speed = {-0.25, 0.5};
+    Vec2<double> torque;
+    esmc::Homing<double> h = on_stops(c);
+    for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
+    EXPECT_EQ(h.step(begin, none, torque), Fault::home_no_stop);
+  }
+}
+
+/// A fifth of the speed in a tick, and a twentieth of that for what stays.
+TEST(HomingByItself, ABrakeKeepsWhatCarriesAndLetsFrictionGo) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  const double damping = 0.125 * 0.05 * 64;
+  const auto brake = [&](double rate) {
+    EXPECT_EQ(h.brake({rate, -rate / 2}, torque), Fault::none);
+    EXPECT_NEAR(torque[1], -torque[0] / 2, 1e-9);
+    return torque[0] / damping;
+  };
+  EXPECT_NEAR(brake(0.2), -0.2 - 0.01, 1e-7);
+  EXPECT_NEAR(brake(0.2), -0.2 - 0.02, 1e-7);
+  EXPECT_NEAR(brake(-0.2), 0.2 - 0.016 + 0.01, 1e-7);
+  EXPECT_NEAR(brake(0.0), -0.006, 1e-7);
+  EXPECT_NEAR(h.brake({-0.06, 0.0}, torque) == Fault::none ? torque[0] / damping : 9.0, 0.06 - 0.006 + 0.003,
+              1e-7)
+      << "slow: a weight";
+}
+
+TEST(HomingByItself, ABrakeEndsAtRestOrFails) {
+  Vec2<double> torque;
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  EXPECT_FALSE(h.at_rest());
+  for (const auto& [rate, rests] : {std::pair{Vec2<double>(0.125, -0.0625), true},
+                                    {Vec2<double>(0.126, 0.0), false},
+                                    {Vec2<double>(0.0, 0.0626), false}}) {
+    EXPECT_EQ(h.brake(rate, torque), Fault::none);
+    EXPECT_EQ(h.at_rest(), rests) << rate;
+  }
+  for (const auto& [halt_ticks, most] : {std::pair{100U, 400}, {5U, 40}}) {
+    h = esmc::Homing<double>(binary(), binary_tick, halt_ticks);
+    for (int n = 0; n < 1000; ++n) ASSERT_EQ(h.brake(none, torque), Fault::none);
+    for (int n = 0; n < most; ++n) ASSERT_EQ(h.brake({0.2, 0.0}, torque), Fault::none) << n;
+    EXPECT_EQ(h.brake({0.2, 0.0}, torque), Fault::halt_failed);
+  }
 }
 
 TEST(HomingWithAllEncoders, ShowsTheAssemblyModeAndAStopThatIsNone) {
