@@ -125,9 +125,9 @@ struct Reference {
   /// mean until the next tick. Where it jumps in between, that of the beginning would lead astray.
   [[nodiscard, gnu::noinline]] Motion2<S> from(std::uint64_t tick, S sample_time) const {
     if (kind != ReferenceKind::path || path.empty()) return motion(tick, sample_time);
-    const std::uint32_t now = tick_of_round(tick), next = tick_of_round(tick + 1);
+    const std::uint32_t now = tick_of_round(tick), next = now + 1 == repeat_ticks ? 0 : now + 1;
     const std::size_t i = segment_of(now);
-    std::size_t k = next < now ? 0 : i;  // a new round begins with the first
+    std::size_t k = next == 0 ? 0 : i;  // a new round begins with the first
     if (k + 1 < path.size() && path[k + 1].start_tick <= next) ++k;
     Motion2<S> m = in_segment(path[i], now, sample_time);
     m.acceleration = (in_segment(path[k], next, sample_time).velocity - m.velocity) * (S(1) / sample_time);
@@ -178,7 +178,7 @@ struct Reference {
     return in_segment(path[segment_of(tick)], tick, sample_time);
   }
   /// The next tick tells which segment has begun by then; before its own beginning it is the one before.
-  [[nodiscard]] Motion2<S> along_path(const TickTime& time, S sample_time) const {
+  [[nodiscard, gnu::cold]] Motion2<S> along_path(const TickTime& time, S sample_time) const {
     if (time.fraction == 0) return along_path(time.tick, sample_time);
     const std::uint32_t next = tick_of_round(time.tick) + 1;
     const S back = S((1U << TickTime::bits) - time.fraction) * (sample_time * S(0x1p-24L));
@@ -204,7 +204,10 @@ struct Reference {
   }
   [[nodiscard]] std::uint32_t tick_of_round(std::uint64_t ticks) const {
     constexpr std::uint64_t end = 0xFFFF'FFFE;  // no segment starts later
-    return static_cast<std::uint32_t>(repeat_ticks > 0 ? ticks % repeat_ticks : (ticks < end ? ticks : end));
+    if (repeat_ticks == 0) return static_cast<std::uint32_t>(ticks < end ? ticks : end);
+    const auto low = static_cast<std::uint32_t>(ticks);
+    return low == ticks ? low % repeat_ticks  // a board divides 32 bits in one instruction
+                        : static_cast<std::uint32_t>(ticks % repeat_ticks);
   }
   /// The last segment that has begun: at most 32 halvings.
   [[nodiscard]] std::size_t segment_of(std::uint32_t tick) const {
