@@ -30,18 +30,18 @@ struct Cost {
 // Measured by the emulator, and written by `tests/boards/board_test.py count ... --update`.
 inline constexpr Cost costs_float[] = {
     // <!-- costs mps2-an386 -->
-    {"esmc", 3097, 0},
-    {"esmc_projected", 2941, 0},
-    {"smc", 2877, 0},
-    {"ctc", 2836, 0},
-    {"pd", 2425, 0},
-    {"super_twisting", 2350, 3248},
-    {"implicit_coupled", 11167, 5784},
-    {"elbow_rotors", 247, 280},
-    {"motor_map", 594, 512},
-    {"momentum_observer", 1844, 3592},
-    {"predictor", 4029, 3752},
-    {"closure_projection", 2581, 2424},
+    {"esmc", 3098, 0},
+    {"esmc_projected", 2944, 0},
+    {"smc", 2879, 0},
+    {"ctc", 2838, 0},
+    {"pd", 2427, 0},
+    {"super_twisting", 2352, 3248},
+    {"implicit_coupled", 11168, 5784},
+    {"elbow_rotors", 248, 280},
+    {"motor_map", 595, 512},
+    {"momentum_observer", 1845, 3592},
+    {"predictor", 4031, 3752},
+    {"closure_projection", 2582, 2432},
     {"four_motors", 4316, 9632},
     // <!-- /costs mps2-an386 -->
 };

@@ -1,0 +1,120 @@
+/// Command interface: the order `home`, and the budget of samples that come at once.
+
+#include <gtest/gtest.h>
+
+#include "tests/support/link_bench.hpp"
+
+namespace {
+
+using namespace esmc;
+using namespace esmc::link;
+using test::Desk;
+using test::link_config;
+using test::LinkBench;
+
+/// The command that a frame leads to in a disabled controller, and what became of it.
+Command asked(LinkBench& b, const hal::CanFrame& f, Outcome& outcome) {
+  const Request r = b.tick({f});
+  outcome = b.outcomes.at(0);
+  return r.command;
+}
+
+TEST(LinkHome, IsObeyedWhereItIsOffered) {
+  for (const bool offered : {false, true}) {
+    LinkBench b;
+    b.link.offer_homing(offered);
+    b.listen();
+    Outcome outcome{};
+    EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), offered ? Command::home : Command::none);
+    EXPECT_EQ(outcome, offered ? Outcome::obeyed : Outcome::refused);
+    EXPECT_EQ(b.link.counters().refused, offered ? 0 : 1);
+  }
+}
+
+TEST(LinkHome, ArmingNeedsNoOffer) {
+  for (const bool offered : {false, true}) {
+    LinkBench b;
+    b.link.offer_homing(offered);
+    b.listen();
+    Outcome outcome{};
+    EXPECT_EQ(asked(b, b.desk.order(Desk::arm), outcome), Command::enable);
+    EXPECT_EQ(outcome, Outcome::obeyed);
+  }
+}
+
+TEST(LinkHome, OnlyWhileDisabledAndForWhoKnowsTheTable) {
+  LinkBench b;
+  b.link.offer_homing(true);
+  b.listen();
+  const auto crc = b.desk.crc32;
+  b.desk.crc32 ^= 1U;
+  Outcome outcome{};
+  EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), Command::none);
+  EXPECT_EQ(outcome, Outcome::refused);
+  b.desk.crc32 = crc;
+  b.run();
+  EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), Command::none);
+  EXPECT_EQ(outcome, Outcome::refused);
+}
+
+TEST(LinkHome, StatusTellsAnUnknownZero) {
+  LinkBench b;
+  const auto told = [&] {
+    b.settle();
+    return (b.desk.last(Desk::status).data[3] & 0x20U) != 0;
+  };
+  EXPECT_FALSE(told());
+  b.link.zero_unknown(true);
+  EXPECT_TRUE(told());
+  b.link.zero_unknown(false);
+  EXPECT_FALSE(told());
+}
+
+/// While it runs, `stream` announces another stream; any other source has to wait.
+TEST(LinkHome, ASourceDoesNotChangeWhileItRuns) {
+  LinkBench b;
+  b.run();
+  EXPECT_EQ(b.one(b.desk.order(Desk::stream)), Outcome::obeyed);
+  EXPECT_EQ(b.one(b.desk.order(Desk::reference)), Outcome::refused);
+  EXPECT_EQ(b.desk.source, 2U);
+  EXPECT_EQ(b.supervisor.state(), State::running);
+}
+
+/// A link whose set points may move by `step` m in a tick of 1 ms, first sample at 0, rest.
+struct Stream {
+  LinkBench b;
+  explicit Stream(float step) : b(config(step)) { b.run(); }
+  static LinkConfig config(float step) {
+    LinkConfig c = link_config();
+    c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1000.0F * step, 1000.0F, 3, 0},
+                              {Bounds{10, 80}, Bounds{10, 80}, Bounds{0, 200}, Bounds{0, 0}});
+    return c;
+  }
+  /// All in one tick, micrometres of x; the outcomes of their velocities.
+  std::vector<Outcome> at_once(const std::vector<int>& x) {
+    std::vector<hal::CanFrame> frames;
+    for (const int at : x) {
+      for (const auto& f : b.sample(at, 0, 0, 0)) frames.push_back(f);
+    }
+    b.tick(frames);
+    std::vector<Outcome> out;
+    for (std::size_t i = 1; i < b.outcomes.size(); i += 2) out.push_back(b.outcomes[i]);
+    return out;
+  }
+};
+constexpr auto yes = Outcome::obeyed, no = Outcome::refused;
+
+TEST(LinkHome, SamplesThatRestNeitherSaveTicksNorTakeThem) {
+  // Nine ticks' worth, and one for the rounding of a sample; one tick is left, whatever rests in between.
+  EXPECT_EQ(Stream(1e-6F).at_once({0, 10, 10, 10, 10, 10, 10, 15}),
+            (std::vector{yes, yes, yes, yes, yes, yes, yes, no}));
+  EXPECT_EQ(Stream(1e-6F).at_once({0, 10, 10, 10, 10, 10, 10, 11}),
+            (std::vector{yes, yes, yes, yes, yes, yes, yes, yes}));
+}
+
+TEST(LinkHome, TheWholeBudgetMayBeSpent) {
+  EXPECT_EQ(Stream(0.5e-3F).at_once({0, 5001}), (std::vector{yes, yes}));
+  EXPECT_EQ(Stream(0.5e-3F).at_once({0, 5003}), (std::vector{yes, no}));
+}
+
+}  // namespace
