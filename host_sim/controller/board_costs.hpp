@@ -47,19 +47,19 @@ inline constexpr Cost costs_float[] = {
 };
 inline constexpr Cost costs_double[] = {
     // <!-- costs mps2-an500 -->
-    {"esmc", 4087, 0},
-    {"esmc_projected", 3753, 0},
-    {"smc", 3545, 0},
-    {"ctc", 3500, 0},
-    {"pd", 2873, 0},
-    {"super_twisting", 2848, 3272},
-    {"implicit_coupled", 11258, 5024},
-    {"elbow_rotors", 249, 336},
-    {"motor_map", 669, 728},
-    {"momentum_observer", 2757, 3640},
-    {"predictor", 5351, 3104},
-    {"closure_projection", 2986, 1968},
-    {"four_motors", 4164, 9280},
+    {"esmc", 4083, 0},
+    {"esmc_projected", 3793, 0},
+    {"smc", 3541, 0},
+    {"ctc", 3496, 0},
+    {"pd", 2890, 0},
+    {"super_twisting", 2848, 3216},
+    {"implicit_coupled", 11258, 4968},
+    {"elbow_rotors", 248, 280},
+    {"motor_map", 669, 672},
+    {"momentum_observer", 2757, 3584},
+    {"predictor", 5351, 3048},
+    {"closure_projection", 2987, 1912},
+    {"four_motors", 4184, 9224},
     // <!-- /costs mps2-an500 -->
 };
 

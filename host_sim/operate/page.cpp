@@ -136,9 +136,15 @@ class PageLoop {
     const State state = n.status->state;
     const Fault fault = n.status->fault;
     if (state != state_) api_.tell(time(), "state", name(state));
+    constexpr int looks = 4;  // the telemetry of the faulty tick comes after its Status
     if (fault != fault_ && fault != Fault::none) {
       api_.tell(time(), "fault", name(fault));
-      found_[name(fault)] = fault_values(fault, n, scene_);  // as it was then
+      found_[name(fault)] = Json::object();
+      looks_ = looks;
+    }
+    if (fault != Fault::none && looks_ > 0 && found_[name(fault)].empty()) {
+      --looks_;
+      found_[name(fault)] = fault_values(fault, n, scene_);
     }
     state_ = state;
     fault_ = fault;
@@ -162,6 +168,7 @@ class PageLoop {
   State state_ = State::disabled;
   Fault fault_ = Fault::none;
   std::map<std::string, Json> found_;  ///< by fault: its values when it was last found
+  int looks_ = 0;                      ///< at them, still to be taken
   std::string busy_;                   ///< the command that runs
   Clock::time_point shown_{}, row_at_{}, stopped_{};
 };
