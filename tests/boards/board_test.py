@@ -38,7 +38,7 @@ LARGEST = ("super_twisting", "momentum_observer", "predictor", "closure_projecti
 SET_POINTS = {"new_set_point": 3000, "set_point_tick": 600}  # instructions at most, of a Cortex-M4F
 # What a tick under ESMC runs, mangled. Every function of such a name must lie in the fast memory; the first three may be inlined.
 HOT = ("9TimedLoopI.*4turn", "5CycleI.*8transmitI", "3hal5FdcanI.*4pump", "5CycleI.*6decideE", "10ControllerI.*4tickE",
-       "10ControllerI.*7desiredE", "10ControllerI.*9apply_lawE", "9ReferenceI.*2atEy", "20clamped_accelerationILNS_7LawKindE0E",
+       "10ControllerI.*7desiredE", "10ControllerI.*9apply_lawE", "9ReferenceI.*4fromEy", "20clamped_accelerationILNS_7LawKindE0E",
        "18estimate_from_base")
 ICOUNT = "shift=6,sleep=off"  # an instruction is 64 ns; the emulator does not wait for anybody
 # With a plant beside it an instruction is 8 ns: a plant that does not get its turn on a loaded machine is late by fewer of the image's seconds.
