@@ -3,6 +3,7 @@
 instructions of a tick are.
 
 usage: performance_page.py BENCHMARKS [--update]     with --update: runs them (two minutes, on a machine with nothing else to do)
+       performance_page.py BENCHMARKS --tick         only the instructions of a tick
        without: every benchmark has its row, every row its benchmark, ratios are those of the rows, and the instructions of a tick
        what is counted now
        performance_page.py --self-test"""
@@ -118,6 +119,7 @@ def main():
         for name, table in zip(("times", "ratios"), tables(measure(program))):
             head, _, tail = split(text, name)
             text = head + table + tail
+    if "--update" in sys.argv or "--tick" in sys.argv:
         head, _, tail = split(text, "tick")
         text = head + count(program) + tail
         PAGE.write_text(text, encoding="utf-8")
