@@ -110,7 +110,7 @@ struct Reference {
   Vec2<S> amplitude = Vec2<S>::Zero();  ///< circle: radius in both; sine: of each coordinate
   Vec2<S> speed = Vec2<S>::Zero();      ///< rad/s, of each phase (the circle uses the first)
   List<PhaseClock, 2> phase{};
-  std::span<const PathSegment<S>> path{};  ///< kept by reference; ascending start_tick
+  std::span<const PathSegment<S>> path{};  ///< kept by reference; each with a later start_tick
   std::uint32_t repeat_ticks = 0;          ///< length of one round of the path; 0: once
 
   /// Motion at a tick; sample_time: s, > 0. hold_start and an empty path give the centre at rest.

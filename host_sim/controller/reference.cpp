@@ -79,6 +79,7 @@ std::vector<PathSegment<double>> through_points(const std::vector<PathPoint>& po
   std::vector<PathSegment<double>> out;
   for (std::size_t i = 0; i + 1 < n; ++i) {
     const auto start = static_cast<std::uint32_t>(std::ceil(points[i].t / tick - 1e-9));
+    if (!out.empty() && out.back().start_tick == start) out.pop_back();  // it is over before a tick
     out.push_back({start, std::max(0.0, start * tick - points[i].t),
                    Quintic<double>::between(motion(i), motion(i + 1), span(i))});
   }

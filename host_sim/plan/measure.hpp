@@ -9,10 +9,10 @@
 
 namespace esmc::host::plan {
 
-/// Share of the torque that is left to the loop where no plant is to saturate: a torque holds for a tick,
-/// while what the motion takes changes. 2 % in a tick of 1 ms, where two mechanisms at their limits took 0.5
-/// %.
-inline constexpr double loop_reserve_per_s = 20.0;
+/// Shares of the torque that are left to the loop where no plant is to saturate: a torque holds for a tick,
+/// while what the motion takes changes. 2 % in a tick of 1 ms, where two mechanisms at their limits took
+/// 0.5 %. Other laws than ESMC with implicit reaching answer a wrong model with more than it takes.
+inline constexpr double loop_reserve_per_s = 20.0, loop_reserve_max = 0.2, slow_law_reserve = 0.07;
 inline constexpr double at_limit = 0.99;  ///< share from which a limit counts as active
 
 /// More of a limit than is allowed.
@@ -46,9 +46,14 @@ class Measurement {
 
   /// Share of a limit that an optimal timing may use.
   [[nodiscard]] double allowed(LimitKind kind) const {
-    constexpr double most = 0.2;
-    return kind == LimitKind::torque && p_.uncertain ? 1.0 - std::min(most, loop_reserve_per_s * p_.tick)
-                                                     : 1.0;
+    if (kind != LimitKind::torque || !p_.uncertain) return 1.0;
+    const double least = fast_law() ? 0.0 : slow_law_reserve;
+    return 1.0 - std::max(least, std::min(loop_reserve_max, loop_reserve_per_s * p_.tick));
+  }
+  /// The law corrects an error of the model within a tick or two.
+  [[nodiscard]] bool fast_law() const {
+    const ControllerConfig<M>& c = p_.controller;
+    return c.law == LawKind::esmc && c.reaching == Reaching::implicit && c.reach == nullptr;
   }
   /// Measures a timing by its table: at both ends and halfway of its quintics, of long ones every four ticks,
   /// with a parabola between. Returns the largest share of what is allowed.

@@ -12,6 +12,9 @@ namespace esmc::host::plan {
 namespace {
 
 using Shares = std::array<double, kinds>;
+/// Time in which the acceleration of the path changes from one value to another where no plant is to
+/// saturate under a law that answers a jump slowly.
+constexpr double loop_ticks = 8.0;
 constexpr double longest = 1e6, most_ticks = 4e9;  ///< s, of a program; of its table
 
 template <class M>
@@ -164,17 +167,21 @@ class Planner {
     };
     constexpr double share = 1e-3, least = 1e-6;
     const double du = share * std::abs(u) + least, dx = share * x + least;
-    const auto here = at(x, u), faster = at(x, u + du), further = at(x + dx, u);
-    if (!here || !faster || !further) return;
-    const auto tangent = [&](double value, double more_u, double more_x, double sign, Affine& out) {
+    const auto here = at(x, u), faster = at(x, u + du), further = at(x + dx, u), hold = at(0.0, 0.0);
+    if (!here || !faster || !further || !hold) return;
+    const auto tangent = [&](double value, double more_u, double more_x, double held, double sign,
+                             Affine& out) {
       if (sign * value <= sign * (out.rest + out.per_u * u + out.per_x * x)) return;
       out.per_u = (more_u - value) / du;
       out.per_x = (more_x - value) / dx;
       out.rest = value - out.per_u * u - out.per_x * x;
+      if (sign * out.rest <= sign * held || !(x > 0.0)) return;
+      out.rest = held;  // concave in x, as viscous friction is: from rest through this motion
+      out.per_x = (value - held - out.per_u * u) / x;
     };
     for (std::size_t j = 0; j < here->first.size(); ++j) {
-      tangent(here->first[j], faster->first[j], further->first[j], -1.0, less.low[j]);
-      tangent(here->second[j], faster->second[j], further->second[j], 1.0, less.high[j]);
+      tangent(here->first[j], faster->first[j], further->first[j], hold->first[j], -1.0, less.low[j]);
+      tangent(here->second[j], faster->second[j], further->second[j], hold->second[j], 1.0, less.high[j]);
     }
   }
 
@@ -206,6 +213,7 @@ class Planner {
         x = solve(most, x);
       }
       timing = Timing(grid_.s, x);
+      if (p_.uncertain && !measured_.fast_law()) timing.smooth(loop_ticks * p_.tick);
       limit_jerk(timing);
       share = measured_.take(timing);
       // Where dry friction turns, a tick tells more than a parabola.
@@ -232,6 +240,7 @@ class Planner {
         last_square = square;
         factor /= std::sqrt(std::clamp(less, 0.9, 1.0 - 1e-9));
         share = measured_.judge(factor);
+        if (!measured_.scales()) break;  // it is measured anew
       }
       timing.stretch(factor);
       measured_.stretch(factor);
@@ -364,7 +373,11 @@ class Planner {
                                       spots_[i].at->tip.d1.norm() * std::sqrt(limits[i]));
     }
     spots_.forget_rows();
-    const Squares x = solve_anew(false);
+    Squares x = solve_anew(false);
+    for (int pass = 0; pass < refinements && spots_.refine(x); ++pass) {
+      spots_.set_rows(true);
+      x = solve(x);
+    }
     out_.bound += Timing(grid_.s, x).duration();
   }
 

@@ -104,7 +104,7 @@ class Step {
 };
 
 constexpr double near_limit = 0.15;  ///< share of the range of u within which its limit rules
-constexpr double any_square = 1e12;  ///< where no row bounds x
+constexpr double any_square = 1e8;   ///< where no row bounds x; more loses digits of the others
 
 /// Rows with d folded into b and c: the tangent of sqrt(x) at `about`, which for d > 0 errs on the safe side.
 std::vector<Row> straightened(const Grid& grid, const std::vector<double>& about) {
@@ -294,7 +294,8 @@ std::vector<double> speed_limits(const Grid& grid) {
 
 std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size_t& blocked, bool rough) {
   const bool viscous = std::ranges::any_of(grid.rows, [](const Row& r) { return r.d != 0.0; });
-  Squares out = start;
+  Squares out = start, best;
+  double least = std::numeric_limits<double>::infinity();
   Pass pass(grid);
   double before = start.empty() ? -1.0 : time_along(grid.s, start.x);
   const int passes = rough ? (start.empty() ? 2 : 1) : viscous ? 12 : 5;
@@ -308,14 +309,22 @@ std::optional<Squares> fastest(const Grid& grid, const Squares& start, std::size
     auto better = viscous ? pass.run(straightened(grid, out.x), more, at) : pass.run(grid.rows, more, at);
     if (!better && k == 0) blocked = at;
     if (!better && k == 0) return start.empty() ? std::nullopt : fastest(grid, {}, blocked, rough);
-    if (!better) break;
+    if (!better) {  // too much friction at that speed for its tangent: from a slower motion
+      for (double& square : out.x) square *= 0.5;
+      continue;
+    }
     out.x = std::move(*better);
     out.slope.resize(grid.s.size() - 1, 0.0);
     const double now = time_along(grid.s, out.x);
+    // What a tangent of the friction allows, the friction does; without one it was not looked at.
+    if ((k > 0 || !viscous || !start.empty()) && now < least) {
+      least = now;
+      best = out;
+    }
     if (std::abs(now - before) <= grid.enough * now) break;
     before = now;
   }
-  return out;
+  return best.empty() ? out : best;
 }
 
 Timing::Timing(const std::vector<double>& s, const Squares& of) : s_(s) {

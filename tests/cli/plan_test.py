@@ -234,6 +234,32 @@ class Plan(unittest.TestCase):
         run = esmc("plan", scene)
         self.assertEqual((run.returncode, run.stderr), (0, ""))
 
+    def test_friction_costs_what_it_costs(self):
+        """Much of it: a tenth more friction costs about a tenth of the time or less, and the bound is no longer than the plan."""
+        scene = Path(SCENES, "five_bar_pick_and_place.toml")
+        times = []
+        for viscous in (0.0, 0.06, 0.066, 0.0726, 0.12):
+            j = self.plan(scene, "--set", f'effects=[{{type="viscous_friction",coefficient=[{viscous},{viscous / 4}]}}]')
+            self.assertLessEqual(j["bound_s"], 1.002 * j["duration_s"])
+            times.append(j["duration_s"])
+        self.assertEqual(times, sorted(times))
+        self.assertLess(max(b / a for a, b in zip(times[1:4], times[2:4])), 1.1)
+        self.assertLess(times[-1], 1.5 * times[0])
+        j = self.plan(scene, "--set", 'uncertainty={viscous=[[0.0,0.08],[0.0,0.016]]}')  # none of it at rest
+        self.assertLess(j["duration_s"], 2.0 * times[0])
+
+    def test_short_moves_and_dense_tables(self):
+        j = self.plan(self.scene(FIVE_BAR + program(['move = "line"\nto = [-0.07995, 0.16]'])))
+        self.assertTrue(0.9 < j["bound_s"] / j["duration_s"] <= 1.002, j)
+        # Several points of a table within a tick, one of them 0.2 ms after another.
+        times = sorted([0.005 * i for i in range(101)] + [0.2502])
+        rows = [(t, -0.04 + 0.08 * (u := t / 0.5) ** 3 * (10 - 15 * u + 6 * u * u), 0.17) for t in times]
+        (self.tmp / "dense.csv").write_text("t,x,y\n" + "".join(f"{t:.6f},{x:.12f},{y}\n" for t, x, y in rows))
+        for rate in (1000, 125):
+            s = json.loads(esmc("sim", Path(SCENES, "five_bar_circle.toml"), "--json", "--set", f"control.rate_hz={rate}", "--set",
+                                f'reference={{type="file", path="{self.tmp}/dense.csv"}}', "--set", 'initial={at="reference"}', "--set", "simulation.duration=0.5").stdout)
+            self.assertEqual((s["supervisor"]["faults"], s["torque"]["saturated_ticks"]), ([], 0))
+
     def test_without_a_start_the_program_begins_where_it_ends(self):
         text = FIVE_BAR + program([LINE, 'move = "line"\nto = [-0.05, 0.17]']).replace("from = [-0.08, 0.16]\n", "")
         self.plan(self.scene(text), "--out", self.tmp / "out")
