@@ -505,9 +505,12 @@ TickResult<M> Controller<M>::home(const Sample<M>& measured, Supervisor& supervi
   TickResult<M> out;
   Fault fault = Fault::none;
   Vec<S, M::joints> angle;
+  Limits<S> limits = config_.limits;
+  if (const S jump = homing.feedback_jump(); !(limits.feedback_jump > S(0) && limits.feedback_jump < jump))
+    limits.feedback_jump = jump;
   for (int i = 0, n = config_.sensor_count(); i < n && fault == Fault::none; ++i) {
     const int joint = Config::joint_of(i, n);
-    fault = accept(joint, measured, config_.limits, angle[joint]);
+    fault = accept(joint, measured, limits, angle[joint]);
   }
   if (!supervisor.powered()) {
     homing.reset();

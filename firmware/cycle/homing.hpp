@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <utility>
 
 #include "firmware/safety/guards.hpp"
 #include "firmware/types.hpp"
@@ -23,10 +22,10 @@ struct HomingConfig {
 };
 
 /// A joint moves at its speed, by a speed controller within the torque, until it stands under the whole
-/// torque for 1 / share ticks. It then moves away by a hundredth of the travel and must come to stand in the
-/// same place again: a motor without torque and an encoder that froze stand too, but anywhere. The second
-/// joint is damped meanwhile, so that a closed chain lets the first one pass; the first one then stays
-/// pressed on its stop.
+/// torque for 1 / share ticks. It then moves away by the back-off and must come to stand in the same place
+/// again: a motor without torque and an encoder that froze stand too, but anywhere. The second joint is
+/// damped meanwhile, so that a closed chain lets the first one pass; the first one then stays pressed on its
+/// stop. At last both leave their stops. A torque below the weight stands in the same place twice, too.
 template <class S>
 class Homing {
  public:
@@ -40,6 +39,9 @@ class Homing {
   [[nodiscard]] bool met() const { return joint_ == 2 && !begun_; }
   [[nodiscard]] bool done() const { return left_; }        ///< both joints have left their stops
   [[nodiscard]] bool at_rest() const { return resting_; }  ///< in the last brake()
+  /// Most that an angle may be off its prediction from the rate, rad per tick: the fastest speed allowed, or
+  /// what a coarse encoder resolves.
+  [[nodiscard]] S feedback_jump() const { return std::max(fastest() * sample_time_, S(0.002F)); }
 
   /// Makes the next step() begin with the first joint.
   void reset() { *this = Homing(config_, sample_time_, halt_ticks_); }
@@ -49,9 +51,10 @@ class Homing {
   Fault step(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     if (joint_ == 2) return leave(angle, rate, torque);
-    if (const Fault f = seek(angle[joint_], rate[joint_]); f != Fault::none) return f;
+    if (const Fault f = seek(angle, rate[joint_]); f != Fault::none) return f;
     for (int j = 0; j < 2; ++j) {
       if (j < joint_ && !within(angle[j] - stop_[j], config_.back_off)) return Fault::home_no_stop;
+      if (j > joint_ && !within(angle[j] - from_[j], config_.travel)) return Fault::home_no_stop;
       if (j > joint_) {
         torque[j] = clamped(-config_.damping[j] * rate[j], j);
       } else {
@@ -85,47 +88,79 @@ class Homing {
   [[nodiscard]] S clamped(S torque, int j) const {
     return std::clamp(torque, -config_.torque[j], config_.torque[j]);
   }
-  /// Four times the larger speed: in a closed chain one joint may move the other faster than itself.
+  /// Four times the larger speed, rad/s: in a closed chain one joint may move the other faster than itself.
+  [[nodiscard]] S fastest() const {
+    return S(4) * std::max(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
+  }
   [[nodiscard]] Fault too_fast(const Vec2<S>& rate) const {
-    const S most = S(4) * std::max(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
-    return within(rate[0], most) && within(rate[1], most) ? Fault::none : Fault::joint_speed;
+    return within(rate[0], fastest()) && within(rate[1], fastest()) ? Fault::none : Fault::joint_speed;
+  }
+  /// How far the joint has left its stop, rad; negative: further into it.
+  [[nodiscard]] S left(int j, S angle) const {
+    return config_.speed[j] > S(0) ? stop_[j] - angle : angle - stop_[j];
+  }
+  /// The stop is met where it was met before, rad.
+  [[nodiscard]] bool same(int j, S angle) const {
+    return within(angle - stop_[j], std::min(config_.back_off, S(0.02F)));
+  }
+  /// Rates and angles tell of the same way since from_, but for an eighth of the speed and the back-off; else
+  /// one of them lies, and the speed is not what it seems.
+  [[nodiscard]] bool consistent(int j, S angle, S rate) {
+    passed_[j] += rate * sample_time_;
+    return within(angle - from_[j] - passed_[j], config_.back_off + S(ticks_) * sample_time_ * slow(j));
   }
 
-  /// Torque towards a wanted speed. A joint that stands gets the whole torque within 1 / share ticks.
+  /// Torque towards a wanted speed. That of a joint which stands grows to the whole torque, by at most
+  /// `share` of itself in a tick: so it does not start faster than the speed can be held.
   S drive(int j, S wanted, S rate) {
-    const S error = wanted - rate;
-    const bool stands = within(rate, slow(j));
-    const S more = !stands || wanted == S(0) ? config_.damping[j] * error
-                   : wanted < S(0)           ? -config_.torque[j]
-                                             : config_.torque[j];
+    const S against = config_.damping[j] * (wanted - rate);
+    S more = against;
+    if (within(rate, slow(j)) && wanted != S(0)) {
+      const S push = std::max(S(10) * std::abs(config_.damping[j] * wanted), std::abs(integral_[j]));
+      more = clamped(wanted < S(0) ? -push : push, j);
+    }
     integral_[j] = clamped(integral_[j] + config_.share * more, j);
-    return clamped(integral_[j] + config_.damping[j] * error, j);
+    return clamped(integral_[j] + against, j);
+  }
+  /// The joint stands under the whole torque `way`.
+  [[nodiscard]] bool pressed(int j, S way, S rate) const {
+    return !within(integral_[j], config_.torque[j] * S(0.999F)) && (integral_[j] < S(0)) == (way < S(0)) &&
+           within(rate, slow(j));
+  }
+  /// Counts the ticks without a break; true once they suffice.
+  bool stood(bool now) {
+    standing_ = now ? standing_ + 1 : 0;
+    return S(standing_) * config_.share >= S(1);
   }
 
-  void begin(Way way, S angle) {
+  void begin(Way way, const Vec2<S>& angle) {
+    // The second joint has come this far since the first one began.
+    if (joint_ == 0 && way == Way::there) from_ = angle;
+    if (joint_ < 2) from_[joint_] = angle[joint_];
+    if (joint_ == 2) from_ = angle;
     way_ = way;
-    from_ = angle;
+    passed_.setZero();
     ticks_ = standing_ = 0;
     begun_ = true;
   }
   /// Moves on to the next way or joint where the present one stands under the torque of the last tick.
-  Fault seek(S angle, S rate) {
-    if (!begun_) begin(Way::there, angle);
-    const S way = way_ == Way::away ? -config_.speed[joint_] : config_.speed[joint_];
-    const S passed = S(ticks_++) * sample_time_ * std::abs(way);
-    if (!within(angle - from_, config_.travel) || passed > S(2) * config_.travel) return Fault::home_no_stop;
-    const bool whole = !within(integral_[joint_], config_.torque[joint_] * S(0.999F)) &&
-                       (integral_[joint_] < S(0)) == (way < S(0));
-    standing_ = whole && within(rate, slow(joint_)) ? standing_ + 1 : 0;
-    const bool stands = S(standing_) * config_.share >= S(1);
+  Fault seek(const Vec2<S>& angles, S rate) {
+    if (!begun_) begin(Way::there, angles);
+    const S angle = angles[joint_], way = way_ == Way::away ? -config_.speed[joint_] : config_.speed[joint_];
+    const S time = S(ticks_++) * sample_time_;
+    if (!within(angle - from_[joint_], config_.travel) || time * std::abs(way) > S(2) * config_.travel)
+      return Fault::home_no_stop;
+    if (!consistent(joint_, angle, rate)) return Fault::feedback_jump;
+    const bool stands = stood(pressed(joint_, way, rate));
     if (way_ == Way::away) {
       if (stands) return Fault::sign_test;
-      if (!within(angle - from_, config_.back_off)) begin(Way::back, angle);
+      if (left(joint_, angle) > config_.back_off) begin(Way::back, angles);
     } else if (stands && way_ == Way::there) {
       stop_[joint_] = angle;
-      begin(Way::away, angle);
+      begin(Way::away, angles);
     } else if (stands) {
-      if (!within(angle - stop_[joint_], config_.back_off)) return Fault::home_no_stop;
+      if (!same(joint_, angle)) return Fault::home_no_stop;
+      if (joint_ == 1 && !same(0, angles[0])) return Fault::none;  // until it does, or time is over
       stop_[joint_++] = angle;
       begun_ = false;
     }
@@ -133,13 +168,21 @@ class Homing {
   }
   /// Both joints off their stops, and to rest.
   Fault leave(const Vec2<S>& angle, const Vec2<S>& rate, Vec2<S>& torque) {
-    if (!std::exchange(begun_, true)) ticks_ = 0;
+    if (!begun_) begin(Way::away, angle);
+    bool stands = false;
     left_ = true;
     for (int j = 0; j < 2; ++j) {
-      const bool off = !within(angle[j] - stop_[j], config_.back_off);
+      const S speed = std::abs(config_.speed[j]), way = left(j, angle[j]);
+      const bool off = way > config_.back_off;
+      // It stops in the time that the integral takes, four times that of the loop.
+      if (way < -config_.back_off || way > config_.back_off + speed * sample_time_ / config_.share)
+        return Fault::home_no_stop;
+      if (!consistent(j, angle[j], rate[j])) return Fault::feedback_jump;
+      stands = stands || (!off && pressed(j, -config_.speed[j], rate[j]));
       left_ = left_ && off && within(rate[j], S(2) * slow(j));
       torque[j] = drive(j, off ? S(0) : -config_.speed[j], rate[j]);
     }
+    if (stood(stands)) return Fault::sign_test;
     const S speed = std::min(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
     return S(ticks_++) * sample_time_ * speed > S(2) * config_.travel ? Fault::home_no_stop : Fault::none;
   }
@@ -151,7 +194,8 @@ class Homing {
   Way way_ = Way::there;                    // of that joint
   bool begun_ = false, left_ = false;       // the way; both stops
   bool resting_ = false;                    // at the last brake()
-  S from_{};                                // rad, where the way began
+  Vec2<S> from_ = Vec2<S>::Zero();          // rad, where the way began, or waiting
+  Vec2<S> passed_ = Vec2<S>::Zero();        // rad since then, by the rates
   std::uint32_t ticks_ = 0, standing_ = 0;  // on the way; without a break under the whole torque
   std::uint32_t brake_ticks_ = 0;
   Vec2<S> stop_ = Vec2<S>::Zero(), integral_ = Vec2<S>::Zero();

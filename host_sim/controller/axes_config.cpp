@@ -37,13 +37,19 @@ drive::AxisConfig mount(const Scene& scene, std::size_t i) {
           static_cast<float>(d.gear_ratio[i]), static_cast<float>(d.offset[i])};
 }
 
+double homing_bandwidth(const Scene& scene) { return std::min(40.0, 0.1 * scene.rate_hz); }
+
 HomingLoad homing_load(const Scene& scene, std::size_t i) {
   const FiveBarParams<double> p = believed_mechanism(scene);
   const bool arm = scene.type == MechanismType::rr;
   const LegParams<double>& leg = p.legs[arm ? 0 : i];
-  if (arm && i == 1) return {leg.J2 + leg.m2 * leg.lg2 * leg.lg2, p.g * leg.m2 * leg.lg2};
-  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1,
-          p.g * (leg.m1 * leg.lg1 + leg.m2 * leg.l1)};
+  if (arm && i == 1) {
+    const double weight = p.g * leg.m2 * leg.lg2;
+    return {leg.J2 + leg.rotor2 + leg.m2 * leg.lg2 * leg.lg2, weight, weight};
+  }
+  const double own = p.g * leg.m1 * leg.lg1, bar = p.g * leg.m2;
+  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1, own + bar * leg.l1,
+          own + (arm ? bar * (leg.l1 + leg.lg2) : p.g * (p.legs[0].m2 + p.legs[1].m2 + p.m0) * leg.l1)};
 }
 
 namespace {
@@ -98,7 +104,7 @@ template <class S>
 HomingConfig<S> make_homing(const Scene& scene) {
   HomingConfig<S> h;
   if (scene.drives.homing_speed.empty()) return h;
-  const double bandwidth = std::min(40.0, 0.1 * scene.rate_hz);  // 1/s, below that of drives and delay
+  const double bandwidth = homing_bandwidth(scene);
   double travel = 2.0 * std::numbers::pi;
   if (const auto& range = scene.limits.joint_angle)  // the stops may lie a little outside
     travel = 1.1 * std::max((*range)[0][1] - (*range)[0][0], (*range)[1][1] - (*range)[1][0]);
@@ -119,10 +125,33 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
   using M = typename C::Mechanism;
   using S = typename C::S;
   if (scene.drives.homing_speed.empty()) return;
+  if (scene.command && scene.command->timeout == 0.0)
+    throw InputError(
+        scene.drives.where,
+        "'homing_speed': homing needs a command.timeout above 0, or a console that dies does not stop it");
   const ControllerConfig<M>& k = c.controller;
   const Vec2<S> base(c.zero_pose[0], c.zero_pose[M::joints / 2]);
   Vec2<S> off = base;
-  for (int i = 0; i < 2; ++i) off[i] -= std::copysign(c.homing.back_off, c.homing.speed[i]);
+  for (int i = 0; i < 2; ++i) {
+    off[i] -= std::copysign(c.homing.back_off, c.homing.speed[i]);
+    constexpr double room = 1.5;  // for friction, and legs that help each other little
+    const double least = room * std::abs(homing_load(scene, static_cast<std::size_t>(i)).hold);
+    if (static_cast<double>(c.homing.torque[i]) < least)
+      throw InputError(
+          scene.drives.where,
+          fmt::format(
+              "'homing_torque': joint {} needs at least {:.3g} N m, 1.5 times what its weight may take: "
+              "less would hang in the air and take that for an end stop",
+              i + 1, least));
+    const Range<S>& range = k.limits.joint_angle[static_cast<std::size_t>(i)];
+    const S above = range.upper - base[i], below = base[i] - range.lower;
+    if (c.homing.speed[i] > S(0) ? above > below : below > above)
+      throw InputError(
+          scene.drives.where,
+          fmt::format("'homing_speed': joint {} moves away from the end of limits.joint_angle that "
+                      "its stop, zero_pose, is at",
+                      i + 1));
+  }
   const auto e = estimate_from_base(k.mechanism, k.mode, off, Vec2<S>::Zero().eval());
   bool fits = e && estimate_from_base(k.mechanism, k.mode, base, Vec2<S>::Zero().eval()) &&
               M::in_working_mode(e->pose, k.mode) && k.limits.joint_angle[0].contains(off[0]) &&

@@ -45,8 +45,12 @@ drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
 [[nodiscard]] double waiting_time_max(const Scene& s);
 
 struct HomingLoad {
-  double inertia, weight;  ///< kg m2, N m at most
+  double inertia;  ///< kg m2
+  double weight;   ///< N m at most, of that inertia
+  double hold;     ///< N m at most, to hold all that the joint may have to carry
 };
+/// Bandwidth of the speed controller of homing, 1/s: below that of drives and delay.
+double homing_bandwidth(const Scene& scene);
 /// What homing moves with base joint i, as the controller's model has it.
 HomingLoad homing_load(const Scene& scene, std::size_t i);
 

@@ -176,7 +176,7 @@ constexpr std::array planar{
     Key{"drives.offset", "numbers", "-", "rad", -1e3, 1e3, false, "", "joint angle at encoder zero; default 0"},
     Key{"drives.zero_pose", "numbers", "-", "rad", -1e3, 1e3, false, "", "zero = pose | end_stop: angles of the sensed joints where the operator confirms the zero, with homing_speed on the end stops; default the start"},
     Key{"drives.homing_speed", "numbers", "-", "rad/s", -100, 100, false, "", "zero = end_stop: of each base joint towards its end stop, by its sign, for the order home; default: no homing"},
-    Key{"drives.homing_torque", "numbers", "-", "N m", 0, big, true, "", "the most that homing gives at each base joint: above friction and weight, at most control.torque_limit"},
+    Key{"drives.homing_torque", "numbers", "-", "N m", 0, big, true, "", "the most that homing gives at each base joint: above friction, at least 1.5 times the weight, at most control.torque_limit"},
     Key{"drives.homing_back_off", "number", "0.05", "rad", 0, 1, true, "", "how far homing leaves each end stop: to meet it again, and at its end; limits.joint_angle may begin in between", into<&DriveScene::homing_back_off>},
     Key{"drives.sign_test", "boolean", "-", "", -inf, inf, false, "", "before running, each motor must answer 5 % of its torque limit as the model says; two motors only; default false in lockstep, in hil and where the bus exists in software only", into<&DriveScene::sign_test>},
     Key{"drives.watchdog_test", "boolean", "-", "", -inf, inf, false, "", "odrive: before the first arming, the drive's watchdog is starved at zero torque and must expire; in real time only; default true where the bus can carry real drives", into<&DriveScene::watchdog_test>},

@@ -270,6 +270,13 @@ class Verdicts(unittest.TestCase):
             found = self.found(self.circle, *homing, f"control.rate_hz={rate}", f"mechanism.gravity={gravity}", "drives.watchdog_timeout=0.5")
             self.assertEqual(("warning", "homing_sinks", "drives.homing_speed") in found, sinks, (rate, gravity, found))
         self.assertNotIn("homing_sinks", {code for _, code, _ in self.found(self.circle, "control.rate_hz=100")})
+        slow = [v.replace("[0.5, -0.5]", "[0.2, -0.2]") for v in homing]
+        self.assertIn(("warning", "homing_sinks", "drives.homing_speed"), self.found(self.circle, *slow, "mechanism.gravity=9.8", "drives.watchdog_timeout=0.5"))
+        for change, key in (("drives.homing_torque=[0.2, 0.2]", "homing_torque"), ("drives.homing_torque=[1.0, 0.2]", "homing_torque"), ("command.timeout=0", "command.timeout"),
+                            ("drives.homing_speed=[-0.5, -0.5]", "homing_speed"), ("drives.homing_speed=[0.5, 0.5]", "homing_speed")):
+            run = esmc("check", self.circle, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
+            self.assertEqual(run.returncode, 2, change)
+            self.assertIn(key, run.stderr)
 
     def test_node_zero_is_for_no_bus(self):
         zero = sets("drives.nodes=[0, 1]")

@@ -359,7 +359,7 @@ TYPED_TEST(Homing, AHaltAfterBothStopsLeavesNoZero) {
   EXPECT_TRUE(b.zero_unknown());
 }
 
-TYPED_TEST(Homing, AJointThatCannotLeaveItsStopHasATimeLimit) {
+TYPED_TEST(Homing, AJointThatCannotLeaveItsStopIsAFault) {
   for (const std::size_t i : {0U, 1U}) {
     Bench<TypeParam> b;
     b.home();
@@ -368,7 +368,7 @@ TYPED_TEST(Homing, AJointThatCannotLeaveItsStopHasATimeLimit) {
     b.gives[i] = 0.0;
     b.push[i] = i == 0 ? -0.01 : 0.01;
     b.run([&] { return b.state() == State::fault; });
-    EXPECT_EQ(b.fault(), Fault::home_no_stop) << name(b.fault());
+    EXPECT_EQ(b.fault(), Fault::sign_test) << name(b.fault());
   }
 }
 
@@ -532,10 +532,16 @@ TEST(HomingByItself, FourTimesTheLargerSpeedIsTooFast) {
 /// Homing on both stops, at `begin`.
 esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
   esmc::Homing<double> h(c, binary_tick, 100);
-  Vec2<double> torque = none, angle = begin;
-  for (int n = 0; n < 3000 && !h.met(); ++n) {
-    EXPECT_EQ(h.step(angle, none, torque), Fault::none) << n;
-    angle = begin + Vec2<double>(torque[0] > 0.0 ? 0.07 : 0.0, torque[1] < 0.0 ? -0.07 : 0.0);
+  Vec2<double> torque = none, angle = begin, rate = none;
+  for (int n = 0; n < 6000 && !h.met(); ++n) {
+    EXPECT_EQ(h.step(angle, rate, torque), Fault::none) << n;
+    for (int j = 0; j < 2; ++j) {  // as the torque pushes, between the stop and a place beyond the back-off
+      const double off = j == 0 ? 1.0 : -1.0,
+                   next = off * (angle[j] - begin[j]) + std::copysign(0.1, off * torque[j]) * binary_tick,
+                   at = std::clamp(next, 0.0, 0.07);
+      rate[j] = at == next ? std::copysign(0.1, torque[j]) : 0.0;
+      angle[j] = begin[j] + off * at;
+    }
   }
   EXPECT_TRUE(h.met());
   return h;
@@ -544,13 +550,13 @@ esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
 TEST(HomingByItself, ItHasLeftWhenBothAreOffAndSlow) {
   Vec2<double> torque;
   esmc::Homing<double> h = on_stops();
-  const Vec2<double> off = begin + Vec2<double>(0.07, -0.07);
+  const Vec2<double> off = begin + Vec2<double>(0.063, -0.063);
   const auto done = [&](const Vec2<double>& at, const Vec2<double>& rate) {
     EXPECT_EQ(h.step(at, rate, torque), Fault::none);
     EXPECT_FALSE(h.met());
     return h.done();
   };
-  EXPECT_FALSE(done(begin, none));
+  for (int n = 0; n < 64; ++n) EXPECT_FALSE(done(begin, none));
   EXPECT_FALSE(done({off[0], begin[1]}, none));
   EXPECT_FALSE(done({begin[0], off[1]}, none));
   EXPECT_FALSE(done(off, {0.126, 0.0}));
@@ -568,9 +574,72 @@ TEST(HomingByItself, LeavingHasTheTimeOfTheSlowerJoint) {
     if (swapped) c.speed = {-0.25, 0.5};
     Vec2<double> torque;
     esmc::Homing<double> h = on_stops(c);
-    for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none) << n;
-    EXPECT_EQ(h.step(begin, none, torque), Fault::home_no_stop);
+    const Vec2<double> creeps = -0.126 * c.speed;  // just not standing
+    for (int n = 0; n <= 16384; ++n) ASSERT_EQ(h.step(begin, creeps, torque), Fault::none) << n;
+    EXPECT_EQ(h.step(begin, creeps, torque), Fault::home_no_stop);
   }
+}
+
+TEST(HomingByItself, AJointThatStandsOnItsStopUnderTheWholeTorqueIsAFault) {
+  for (const Vec2<double>& stuck : {begin, Vec2<double>(begin + Vec2<double>(0.063, 0.0)),
+                                    Vec2<double>(begin + Vec2<double>(0.0, -0.063))}) {
+    esmc::Homing<double> h = on_stops();
+    Vec2<double> torque;
+    for (int n = 0; n < 64; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+    Fault f = Fault::none;
+    for (int n = 0; n < 1000 && f == Fault::none; ++n) f = h.step(stuck, none, torque);
+    EXPECT_EQ(f, Fault::sign_test);
+  }
+}
+
+/// Further into a stop than it is left by, and further off it than a joint needs to come to rest.
+TEST(HomingByItself, AStopThatGivesWayOrAJointThatRunsAwayIsAFault) {
+  for (const int j : {0, 1}) {
+    for (const double way : {-1.0, 1.0}) {
+      esmc::Homing<double> h = on_stops();
+      Vec2<double> torque, at = begin;
+      Fault f = Fault::none;
+      for (double t = 0.0; f == Fault::none && t < 10.0;
+           t += binary_tick) {  // the other one leaves and rests
+        Vec2<double> rate(t < 0.7 ? 0.1 : 0.0, t < 0.7 ? -0.1 : 0.0);
+        rate[j] = std::copysign(0.25, j == 0 ? way : -way);
+        at += rate * binary_tick;
+        f = h.step(at, rate, torque);
+      }
+      EXPECT_NEAR(std::abs(at[j] - begin[j]), way < 0.0 ? 0.0625 : j == 0 ? 0.0938 : 0.0782, 0.001);
+      EXPECT_EQ(f, Fault::home_no_stop) << j << ' ' << way;
+    }
+  }
+}
+
+/// Rates that do not fit the angles: dead, a tenth, the wrong sign, and of a frame that is repeated.
+TEST(HomingByItself, RatesThatDoNotFitTheAnglesAreAFault) {
+  for (const auto& [moves, says] : {std::pair{1.0, 0.0}, {1.0, 0.1}, {1.0, -1.0}, {0.0, 1.0}, {1.0, 2.0}}) {
+    esmc::Homing<double> h(binary(), binary_tick, 100);
+    Vec2<double> torque, at = begin;
+    Fault f = Fault::none;
+    for (int n = 0; n < 20 * 64 && f == Fault::none; ++n) {
+      at[0] += moves * binary().speed[0] * binary_tick;
+      f = h.step(at, {says * binary().speed[0], 0.0}, torque);
+    }
+    EXPECT_EQ(f, Fault::feedback_jump) << moves << ' ' << says;
+  }
+  esmc::Homing<double> h(binary(), binary_tick, 100);  // a tenth off passes
+  Vec2<double> torque, at = begin;
+  for (int n = 0; n < 64; ++n) {
+    at[0] += binary().speed[0] * binary_tick;
+    ASSERT_EQ(h.step(at, {0.9 * binary().speed[0], 0.0}, torque), Fault::none) << n;
+  }
+}
+
+TEST(HomingByItself, TheWaitingJointHasTheSameTravel) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque, at = begin;
+  ASSERT_EQ(h.step(at, none, torque), Fault::none);
+  at[1] += 0.999 * binary().travel;
+  EXPECT_EQ(h.step(at, none, torque), Fault::none);
+  at[1] += 0.002 * binary().travel;
+  EXPECT_EQ(h.step(at, none, torque), Fault::home_no_stop);
 }
 
 /// A fifth of the speed in a tick, and a twentieth of that for what stays.
