@@ -31,6 +31,22 @@ TEST(LinkHome, IsObeyedWhereItIsOffered) {
   }
 }
 
+TEST(LinkHome, WithoutAWordItIsNotOffered) {
+  LinkBench b;
+  b.listen();
+  EXPECT_EQ(b.one(b.desk.order(Desk::home)), Outcome::refused);
+}
+
+/// A counter of 0 is one that was heard: what jumps from it is refused, as from any other.
+TEST(LinkHome, ACounterOfZeroHasBeenHeard) {
+  LinkBench b;
+  b.listen();
+  b.desk.counter[Desk::command] = 15;
+  ASSERT_EQ(b.one(b.desk.order(Desk::none)), Outcome::obeyed);
+  b.desk.counter[Desk::command] = 7;
+  EXPECT_EQ(b.one(b.desk.order(Desk::none)), Outcome::bad_counter);
+}
+
 TEST(LinkHome, ArmingNeedsNoOffer) {
   for (const bool offered : {false, true}) {
     LinkBench b;
