@@ -98,7 +98,7 @@ void read_reference(Section s, Scene& scene) {
   if (r.type == ReferenceType::file) read_path(s, scene, longest);
   if (r.type == ReferenceType::program) read_program(s, scene);
   if (r.type == ReferenceType::polyline && !r.points.empty()) {  // without them an error is noted
-    double length = 0.0;  // m; with the way back where it repeats
+    double length = 0.0;                                         // m; with the way back where it repeats
     for (std::size_t i = 0; i < r.points.size() - (r.repeat ? 0U : 1U); ++i) {
       const auto &a = r.points[i], &b = r.points[(i + 1) % r.points.size()];
       length += std::hypot(b[0] - a[0], b[1] - a[1]);

@@ -310,7 +310,7 @@ TEST_P(HomingOver, WithoutAStopItEndsAtRestWithAFault) {
         m.wait(20);
         EXPECT_TRUE(m.zero_unknown());
       },
-      {"limits.joint_angle=[[0.3, 0.9],[0.9, 1.6]]",
+      {"limits.joint_angle=[[0.3, 0.9],[0.9, 2.2]]",
        "effects=[{type=\"viscous_friction\", coefficient=[0.02, 0.02]}]"});
 }
 
