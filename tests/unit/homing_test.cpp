@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <tuple>
 #include <type_traits>
 
 #include "tests/support/cycle_rig.hpp"
@@ -359,6 +360,27 @@ TYPED_TEST(Homing, AHaltAfterBothStopsLeavesNoZero) {
   EXPECT_TRUE(b.zero_unknown());
 }
 
+/// In a tick an angle is off its prediction by what four times the speed makes, 0.0016 rad, or 0.002 rad,
+/// unless the limits allow less.
+TYPED_TEST(Homing, AnAngleThatJumpsIsAFaultByTheSmallerBound) {
+  for (const auto& [limit, jump, caught] : {std::tuple{0.0, 0.0025, true},
+                                            {0.0, 0.0015, false},
+                                            {0.5, 0.0025, true},
+                                            {0.5, 0.0015, false},
+                                            {0.001, 0.0015, true},
+                                            {0.001, 0.0008, false}}) {
+    Setup<TypeParam> s = Bench<TypeParam>::usual();
+    s.controller.limits.feedback_jump = static_cast<typename TypeParam::Scalar>(limit);
+    Bench<TypeParam> b(s);
+    b.home();
+    b.run([&] { return b.v[0] < -0.5 * speed; });
+    b.q[0] += jump;
+    b.show();
+    for (int n = 0; n < 3; ++n) b.tick(Command::none, {b.desk.order(Desk::none)});
+    EXPECT_EQ(b.fault(), caught ? Fault::feedback_jump : Fault::none) << limit << ' ' << jump;
+  }
+}
+
 TYPED_TEST(Homing, AJointThatCannotLeaveItsStopIsAFault) {
   for (const std::size_t i : {0U, 1U}) {
     Bench<TypeParam> b;
@@ -529,22 +551,57 @@ TEST(HomingByItself, FourTimesTheLargerSpeedIsTooFast) {
   }
 }
 
-/// Homing on both stops, at `begin`.
-esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
-  esmc::Homing<double> h(c, binary_tick, 100);
+/// Two joints that go where the torque pushes, between their stops at `begin` and 0.07 rad off them.
+struct Pushed {
   Vec2<double> torque = none, angle = begin, rate = none;
-  for (int n = 0; n < 6000 && !h.met(); ++n) {
-    EXPECT_EQ(h.step(angle, rate, torque), Fault::none) << n;
-    for (int j = 0; j < 2; ++j) {  // as the torque pushes, between the stop and a place beyond the back-off
+  double dislodged = 0.0;  // rad, of joint 1, once joint 2 moves
+  Fault step(esmc::Homing<double>& h) {
+    const bool second = torque[1] != 0.0;
+    const Fault f = h.step(angle + Vec2<double>(second ? dislodged : 0.0, 0.0), rate, torque);
+    for (int j = 0; j < 2; ++j) {
+      if (torque[j] == 0.0) continue;
       const double off = j == 0 ? 1.0 : -1.0,
                    next = off * (angle[j] - begin[j]) + std::copysign(0.1, off * torque[j]) * binary_tick,
                    at = std::clamp(next, 0.0, 0.07);
       rate[j] = at == next ? std::copysign(0.1, torque[j]) : 0.0;
       angle[j] = begin[j] + off * at;
     }
+    return f;
   }
+};
+/// Homing on both stops.
+esmc::Homing<double> on_stops(const HomingConfig<double>& c = binary()) {
+  esmc::Homing<double> h(c, binary_tick, 100);
+  Pushed joints;
+  for (int n = 0; n < 6000 && !h.met(); ++n) EXPECT_EQ(joints.step(h), Fault::none) << n;
   EXPECT_TRUE(h.met());
   return h;
+}
+
+/// Its place is a part of the zero: 0.045 rad are within the back-off, but not where the stop was met.
+TEST(HomingByItself, JointOneHasToBeOnItsStopWhenJointTwoIs) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Pushed joints;
+  joints.dislodged = 0.045;
+  for (int n = 0; n < 6000; ++n) ASSERT_EQ(joints.step(h), Fault::none) << n;
+  EXPECT_FALSE(h.met());
+  joints.dislodged = 0.019;
+  ASSERT_EQ(joints.step(h), Fault::none);
+  EXPECT_TRUE(h.met());
+}
+
+TEST(HomingByItself, RatesThatDoNotFitTheAnglesAreAFaultOnTheWayOffTheStops) {
+  for (const int j : {0, 1}) {
+    esmc::Homing<double> h = on_stops();
+    Vec2<double> torque, at = begin, rate(0.1, -0.1);
+    rate[j] *= 2.5;  // only the other one moves
+    Fault f = Fault::none;
+    for (int n = 0; n < 1000 && f == Fault::none; ++n) {
+      at[1 - j] += rate[1 - j] * binary_tick;
+      f = h.step(at, rate, torque);
+    }
+    EXPECT_EQ(f, Fault::feedback_jump);
+  }
 }
 
 TEST(HomingByItself, ItHasLeftWhenBothAreOffAndSlow) {
