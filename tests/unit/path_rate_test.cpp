@@ -359,4 +359,109 @@ TEST(PathRate, ChangesByAtLeastTheSmallestStep) {
   EXPECT_EQ(at_rest.position, later.position);
 }
 
+/// A path on which path time is the position, in ticks; it counts who asks what the motors can.
+struct Ruler {
+  double speed = 1.0;
+  [[nodiscard]] Motion2<double> at(const TickTime& t) const {
+    Motion2<double> m;
+    m.position = {static_cast<double>(t.tick) + static_cast<double>(t.fraction) * 0x1p-24, 0.0};
+    m.velocity = {0.0, speed};
+    return m;
+  }
+};
+/// A rate on the ruler, in ticks of 1 / 1024 s: what it changes by, in 2^-23, is exact.
+struct Along {
+  PathRate<double> rate;
+  Ruler ruler;
+  std::uint64_t tick = 0;
+  bool can = true;
+  std::vector<double> asked;  // changes of the rate, 2^-23, in the last tick
+  explicit Along(double acceleration = 10.0) : rate(acceleration, 1.0 / 1024) { rate.begin(); }
+  Motion2<double> step(std::uint32_t lead = 0) {
+    asked.clear();
+    return rate.step(ruler, tick++, lead, [&](const Motion2<double>& m) {
+      asked.push_back(m.acceleration[1] / ruler.speed / 1024 * 0x1p23);
+      return can;
+    });
+  }
+};
+
+TEST(PathRateAlone, LeadIsInTimeOfThePath) {
+  Along a;
+  a.rate.want(50);
+  a.rate.begin();
+  EXPECT_NEAR(a.step(4).position[0], 2.0, 1e-5);
+  EXPECT_NEAR(a.step(4).position[0], 2.5, 1e-5);
+}
+
+TEST(PathRateAlone, BeginForgetsWhatWasLate) {
+  Along a;
+  a.rate.want(50);
+  for (int n = 0; n < 2000; ++n) a.step();
+  a.rate.begin();
+  a.tick = 0;
+  EXPECT_EQ(a.step().position[0], 0.0);
+  a.rate.want(100);
+  EXPECT_TRUE(a.rate.active());
+  a.rate.begin();
+  EXPECT_FALSE(a.rate.active());
+}
+
+TEST(PathRateAlone, FourSharesOfAChangeAreTriedAndThenTheRateStays) {
+  Along a(5.5 * 1024 * 0x1p-23);  // at a speed of 1: five and a half units in a tick
+  a.can = false;
+  a.rate.want(0);
+  const Motion2<double> m = a.step();
+  EXPECT_EQ(a.asked, (std::vector{-5.0, -3.0, -2.0, -1.0}));
+  EXPECT_EQ(m.acceleration[1], 0.0);
+  EXPECT_EQ(a.step().velocity[1], 1.0);
+  Along slow(0.5 * 1024 * 0x1p-23);
+  slow.rate.want(0);
+  slow.step();
+  EXPECT_EQ(slow.asked, std::vector{-1.0}) << "at least one unit";
+}
+
+TEST(PathRateAlone, TheLastChangeIsTheRest) {
+  Along a(1e6);
+  a.rate.want(99);
+  a.step();
+  EXPECT_NEAR(a.step().velocity[1], 0.99023, 1e-4);  // 10/s
+  a.step();
+  EXPECT_NEAR(a.step().velocity[1], 0.99, 1e-5);
+  a.rate.want(100);
+  for (int n = 0; n < 5; ++n) a.step();
+  EXPECT_EQ(a.step().velocity[1], 1.0);
+}
+
+/// 256 ticks without a change that the motors can, counted anew after one that they can and after a wish that
+/// is fulfilled.
+TEST(PathRateAlone, PatienceIsCountedFromTheLastChange) {
+  const auto forced_after = [](Along& a) {
+    for (int n = 1; n < 2000; ++n) {
+      if (a.step().acceleration[1] != 0.0) return n;
+    }
+    return 0;
+  };
+  Along a;
+  a.can = false;
+  a.rate.want(0);
+  EXPECT_EQ(forced_after(a), 257);
+  Along b;
+  b.can = false;
+  b.rate.want(0);
+  for (int n = 0; n < 200; ++n) b.step();
+  b.can = true;
+  b.step();
+  b.can = false;
+  EXPECT_EQ(forced_after(b), 257);
+  Along c;
+  c.can = false;
+  c.rate.want(0);
+  for (int n = 0; n < 200; ++n) c.step();
+  c.rate.want(100);
+  c.step();
+  c.rate.want(0);
+  EXPECT_EQ(forced_after(c), 257);
+}
+
 }  // namespace
