@@ -102,7 +102,7 @@ struct Stream {
   explicit Stream(float step) : b(config(step)) { b.run(); }
   static LinkConfig config(float step) {
     LinkConfig c = link_config();
-    c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1000.0F * step, 1000.0F, 3, 0},
+    c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1000.0F * step, 0.01F, 3, 0},
                               {Bounds{10, 80}, Bounds{10, 80}, Bounds{0, 200}, Bounds{0, 0}});
     return c;
   }
