@@ -77,6 +77,31 @@ TEST(SupervisorEdges, TimeOutsThatNobodySetAreFiveThousandAndAThousandTicks) {
 
 /// Drives that get ready when the time is up: in a tick of one period they are in time, after a gap that
 /// reaches the limit they are not.
+/// Until its stage is over homing goes on; before and after it a fault takes the torque away, whatever it
+/// asks for.
+TEST(SupervisorEdges, HomingLastsUntilItIsDoneAndHaltsInItsOwnStateOnly) {
+  Supervisor::Config c;
+  c.can_halt = true;
+  const DriveStatus ready{true, false};
+  Supervisor s(c);
+  s.begin_tick(Command::home, {});
+  ASSERT_EQ(s.state(), State::enabling);
+  Supervisor early = s;
+  early.raise(Fault::home_no_stop);
+  EXPECT_EQ(early.state(), State::fault);
+  for (int n = 0; n < 3; ++n) {
+    s.begin_tick(Command::none, ready);
+    EXPECT_EQ(s.state(), State::testing);
+  }
+  Supervisor now = s;
+  now.raise(Fault::home_no_stop);
+  EXPECT_EQ(now.state(), State::halting);
+  s.begin_tick(Command::none, ready, true);
+  ASSERT_EQ(s.state(), State::stopping);
+  s.raise(Fault::home_no_stop);
+  EXPECT_EQ(s.state(), State::fault);
+}
+
 TEST(SupervisorEdges, AGapThatReachesTheTimeOutIsTooLate) {
   struct Case {
     std::uint32_t waited, passed;
