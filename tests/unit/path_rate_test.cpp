@@ -426,8 +426,7 @@ TEST(PathRateAlone, TheLastChangeIsTheRest) {
   a.rate.want(99);
   a.step();
   EXPECT_NEAR(a.step().velocity[1], 0.99023, 1e-4);  // 10/s
-  a.step();
-  EXPECT_NEAR(a.step().velocity[1], 0.99, 1e-5);
+  for (int n = 0; n < 3; ++n) EXPECT_NEAR(a.step().velocity[1], 0.99, 1e-5);
   a.rate.want(100);
   for (int n = 0; n < 5; ++n) a.step();
   EXPECT_EQ(a.step().velocity[1], 1.0);
