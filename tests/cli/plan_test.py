@@ -248,6 +248,12 @@ class Plan(unittest.TestCase):
         j = self.plan(scene, "--set", 'uncertainty={viscous=[[0.0,0.08],[0.0,0.016]]}')  # none of it at rest
         self.assertLess(j["duration_s"], 2.0 * times[0])
 
+    def test_a_law_that_answers_slowly_keeps_more_torque(self):
+        scene = Path(SCENES, "five_bar_pick_and_place.toml")
+        for law, least in (("esmc", 0.0195), ("ctc", 0.0695)):
+            margin = self.plan(scene, "--set", f'control.law="{law}"')["margin"]["torque"]
+            self.assertTrue(least < margin < least + 0.01, (law, margin))
+
     def test_short_moves_and_dense_tables(self):
         j = self.plan(self.scene(FIVE_BAR + program(['move = "line"\nto = [-0.07995, 0.16]'])))
         self.assertTrue(0.9 < j["bound_s"] / j["duration_s"] <= 1.002, j)
