@@ -143,6 +143,11 @@ void judge_unattended(const Scene& scene, Findings& f) {
 /// more speed in a tick than it can take away in its time.
 void judge_homing(const Scene& scene, Findings& f) {
   const std::vector<double>& speed = scene.drives.homing_speed;
+  if (speed.empty()) return;
+  with_world(scene, [&]<class World>(World) {  // what no controller takes is an error here, too
+    const auto reference = make_reference(scene, Pacing::lockstep);
+    (void)make_cycle_config<typename World::Mechanism>(scene, Pacing::lockstep, reference);
+  });
   const double ticks = std::max(40.0, 4.0 * scene.limits.halt_time * scene.rate_hz);
   for (std::size_t i = 0; i < speed.size(); ++i) {
     const HomingLoad load = homing_load(scene, i);

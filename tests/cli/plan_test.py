@@ -254,6 +254,22 @@ class Plan(unittest.TestCase):
             margin = self.plan(scene, "--set", f'control.law="{law}"')["margin"]["torque"]
             self.assertTrue(least < margin < least + 0.01, (law, margin))
 
+    def test_no_plant_of_the_intervals_saturates(self):
+        """Masses and inertias at the ends of [uncertainty], in all combinations; the figure of docs/scenes.md."""
+        vary = "".join(f'[[vary]]\nkey = "plant.legs.{leg}.{key}"\nfactor = [0.95, 1.05]\nsteps = 2\n' for leg in (1, 2) for key in ("m1", "m2", "J1", "J2"))
+        for law, most in (("esmc", 1.472), ("ctc", 1.5)):
+            spec = self.tmp / "corners.toml"
+            spec.write_text(f'scene = "{Path(SCENES, "five_bar_pick_and_place.toml")}"\nset = ["control.law=\\"{law}\\""]\nobjectives = ["torque_max_nm", "saturated_ticks"]\n'
+                            f'[sample]\nmethod = "grid"\n{vary}')
+            run = esmc("sweep", spec, "--out", self.tmp / law)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            with open(self.tmp / law / "cases.csv", encoding="ascii") as rows:
+                cases = list(csv.DictReader(rows))
+            self.assertEqual(len(cases), 256)
+            self.assertEqual({c["outcome"] for c in cases}, {"ok"})
+            self.assertLess(max(float(c["torque_max_nm"]) for c in cases), most)
+            self.assertEqual({float(c["saturated_ticks"]) for c in cases}, {0.0})
+
     def test_short_moves_and_dense_tables(self):
         j = self.plan(self.scene(FIVE_BAR + program(['move = "line"\nto = [-0.07995, 0.16]'])))
         self.assertTrue(0.9 < j["bound_s"] / j["duration_s"] <= 1.002, j)

@@ -274,7 +274,7 @@ class Verdicts(unittest.TestCase):
         self.assertIn(("warning", "homing_sinks", "drives.homing_speed"), self.found(self.circle, *slow, "mechanism.gravity=9.8", "drives.watchdog_timeout=0.5"))
         for change, key in (("drives.homing_torque=[0.2, 0.2]", "homing_torque"), ("drives.homing_torque=[1.0, 0.2]", "homing_torque"), ("command.timeout=0", "command.timeout"),
                             ("drives.homing_speed=[-0.5, -0.5]", "homing_speed"), ("drives.homing_speed=[0.5, 0.5]", "homing_speed")):
-            run = esmc("hil", self.circle, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
+            run = esmc("check", self.circle, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
             self.assertEqual(run.returncode, 2, change)
             self.assertIn(key, run.stderr)
 
