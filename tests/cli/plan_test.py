@@ -273,8 +273,8 @@ class Plan(unittest.TestCase):
     def test_short_moves_and_dense_tables(self):
         j = self.plan(self.scene(FIVE_BAR + program(['move = "line"\nto = [-0.07995, 0.16]'])))
         self.assertTrue(0.9 < j["bound_s"] / j["duration_s"] <= 1.002, j)
-        # Several points of a table within a tick, one of them 0.2 ms after another.
-        times = sorted([0.005 * i for i in range(101)] + [0.2502])
+        # Several points of a table within a tick, also of 1 ms: only the last of their pieces lasts until the tick.
+        times = sorted([0.005 * i for i in range(101)] + [0.2502, 0.2506])
         rows = [(t, -0.04 + 0.08 * (u := t / 0.5) ** 3 * (10 - 15 * u + 6 * u * u), 0.17) for t in times]
         (self.tmp / "dense.csv").write_text("t,x,y\n" + "".join(f"{t:.6f},{x:.12f},{y}\n" for t, x, y in rows))
         for rate in (1000, 125):
