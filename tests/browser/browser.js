@@ -98,8 +98,16 @@ const crowded = (page) => page.evaluate(() => {
 
 // ---- The live bench and the operator's page
 const text = (page, id) => page.textContent(`#${id}`);
-/** Waits for what a person would wait for; 30 s are for a machine with other things to do. */
-const until = (page, condition, argument) => page.waitForFunction(condition, argument, { timeout: 30000 });
+/** Waits for what a person would wait for; 60 s are for a machine with other things to do. A failure tells what the page showed. */
+async function until(page, condition, argument) {
+  try {
+    return await page.waitForFunction(condition, argument, { timeout: 60000 });
+  } catch (error) {
+    const shown = await page.evaluate(() => ["state", "why", "detail", "answer", "effector", "source", "events"].map((id) =>
+      `${id}: ${document.getElementById(id)?.textContent.slice(-400)}`).join("\n  ")).catch(() => "nothing");
+    throw new Error(`waited in vain for ${JSON.stringify(argument) ?? condition}; the page shows\n  ${shown}`, { cause: error });
+  }
+}
 const state = (page, wanted) => until(page, (word) => document.getElementById("state").textContent === word, wanted);
 const event = (page, wanted) => until(page, (words) => document.getElementById("events").textContent.includes(words), wanted);
 async function sound(page) {
