@@ -213,19 +213,31 @@ class Bench:
             old.unlink()
         self.open_templates(overlay)
         target.write_text(mutants.alone((self.root / m.file).read_text(), m))
-        for test in sorted(self.judges(m.file), key=lambda t: t != self.deadly.get(m.file)):
-            objects = []
-            for source in (test, *self.units):
-                objects.append(self.build / f"alone_{pathlib.Path(source).stem}.o")
-                if self.compile(overlay, source, objects[-1]).returncode != 0:
-                    self.deadly[m.file] = test
-                    return "not compiled", test
-            self.link(objects, self.build / "alone.out")
-            status = self.once(self.build / "alone.out", "*", patience=3 * sum(self.patience[f] for f in self.filters(test)))
-            if status != 0:
+        judges = sorted(self.judges(m.file), key=lambda t: t != self.deadly.get(m.file))
+        objects = {test: self.build / f"alone_{pathlib.Path(test).stem}.o" for test in judges}
+        units = [self.build / (pathlib.Path(unit).stem + ".o") for unit in self.units]
+        for test, out in objects.items():
+            how = "" if self.compile(overlay, test, out).returncode == 0 else "not compiled"
+            how = how or self.linked([out, *units], test)
+            if how:
                 self.deadly[m.file] = test
-                return "did not end" if status == TIMED_OUT else "failed", test
+                return how, test
+        # Most are dead by now. In the units they were chosen at run time, or not at all.
+        anew = [self.build / f"alone_{unit.name}" for unit in units]
+        for unit, out in zip(self.units, anew):
+            if self.compile(overlay, unit, out).returncode != 0:
+                return "not compiled", judges[0]
+        for test, out in objects.items() if units else ():
+            how = self.linked([out, *anew], test)
+            if how:
+                return how, test
         return "", ""
+
+    def linked(self, objects, test):
+        """How the program of these objects dies in the cases of a test; "" if it does not."""
+        self.link(objects, self.build / "alone.out")
+        status = self.once(self.build / "alone.out", "*", patience=3 * sum(self.patience[f] for f in self.filters(test)))
+        return {0: "", TIMED_OUT: "did not end"}.get(status, "failed")
 
 
 class Memory:
