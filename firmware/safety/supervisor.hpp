@@ -114,7 +114,7 @@ class Supervisor {
         }
         break;
       case State::testing:
-        if (command == Command::halt && homing_ && config_.can_halt) {
+        if (command == Command::halt && homing_ && config_.can_halt && !stage_done) {
           state_ = State::halting;
         } else if (command == Command::stop || command == Command::halt || (stage_done && homing_)) {
           await(State::stopping);

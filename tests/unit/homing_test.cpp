@@ -360,6 +360,16 @@ TYPED_TEST(Homing, AHaltAfterBothStopsLeavesNoZero) {
   EXPECT_TRUE(b.zero_unknown());
 }
 
+/// The new zero shifts the angles of the next tick: a brake would take that for a jump.
+TYPED_TEST(Homing, AHaltInTheTickAfterItsEndIsNoFault) {
+  Bench<TypeParam> b;
+  b.home();
+  while (!b.tick(Command::none, {b.desk.order(Desk::none)}).stage_done) ASSERT_EQ(b.state(), State::testing);
+  b.tick(Command::halt);
+  EXPECT_EQ(b.state(), State::stopping) << name(b.fault());
+  b.run([&] { return b.state() == State::disabled && !b.zero_unknown(); }, 30);
+}
+
 /// In a tick an angle is off its prediction by what four times the speed makes, 0.0016 rad, or 0.002 rad,
 /// unless the limits allow less.
 TYPED_TEST(Homing, AnAngleThatJumpsIsAFaultByTheSmallerBound) {
