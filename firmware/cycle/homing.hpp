@@ -127,6 +127,11 @@ class Homing {
     return !within(integral_[j], config_.torque[j] * S(0.999F)) && (integral_[j] < S(0)) == (way < S(0)) &&
            within(rate, slow(j));
   }
+  /// Counts a tick; true once twice the time of the travel at `speed` is over, and that in which the integral
+  /// turns from one whole torque to the other: in a slow loop it takes longer than a short travel.
+  bool late(S speed) {
+    return (S(ticks_++) - S(10) / config_.share) * sample_time_ * speed > S(2) * config_.travel;
+  }
   /// Counts the ticks without a break; true once they suffice.
   bool stood(bool now) {
     standing_ = now ? standing_ + 1 : 0;
@@ -147,9 +152,7 @@ class Homing {
   Fault seek(const Vec2<S>& angles, S rate) {
     if (!begun_) begin(Way::there, angles);
     const S angle = angles[joint_], way = way_ == Way::away ? -config_.speed[joint_] : config_.speed[joint_];
-    const S time = S(ticks_++) * sample_time_;
-    if (!within(angle - from_[joint_], config_.travel) || time * std::abs(way) > S(2) * config_.travel)
-      return Fault::home_no_stop;
+    if (!within(angle - from_[joint_], config_.travel) || late(std::abs(way))) return Fault::home_no_stop;
     if (!consistent(joint_, angle, rate)) return Fault::feedback_jump;
     const bool stands = stood(pressed(joint_, way, rate));
     if (way_ == Way::away) {
@@ -172,10 +175,12 @@ class Homing {
     bool stands = false;
     left_ = true;
     for (int j = 0; j < 2; ++j) {
-      const S speed = std::abs(config_.speed[j]), way = left(j, angle[j]);
+      const S way = left(j, angle[j]);
       const bool off = way > config_.back_off;
-      // It stops in the time that the integral takes, four times that of the loop.
-      if (way < -config_.back_off || way > config_.back_off + speed * sample_time_ / config_.share)
+      // It stops in the time that the integral takes, four times that of the loop, from twice the larger
+      // speed: the joints push each other.
+      if (way < -config_.back_off ||
+          way > config_.back_off + S(0.5) * fastest() * sample_time_ / config_.share)
         return Fault::home_no_stop;
       if (!consistent(j, angle[j], rate[j])) return Fault::feedback_jump;
       stands = stands || (!off && pressed(j, -config_.speed[j], rate[j]));
@@ -184,7 +189,7 @@ class Homing {
     }
     if (stood(stands)) return Fault::sign_test;
     const S speed = std::min(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
-    return S(ticks_++) * sample_time_ * speed > S(2) * config_.travel ? Fault::home_no_stop : Fault::none;
+    return late(speed) ? Fault::home_no_stop : Fault::none;
   }
 
   HomingConfig<S> config_{};
