@@ -154,8 +154,8 @@ void judge_homing(const Scene& scene, Findings& f) {
     const double gained = load.weight / load.inertia * scene.tick();
     const double left = gained * ticks * std::exp(-0.1 * ticks),
                  most = std::max(std::abs(speed[0]), std::abs(speed[1]));
-    // Before the integral carries it; half of the weight by experiment, for it seldom pulls its worst.
-    const double sinks = 0.5 * load.weight / (load.inertia * homing_bandwidth(scene));
+    // Before the integral carries it; of the weight by experiment, for it seldom pulls its worst.
+    const double sinks = 0.75 * load.weight / (load.inertia * homing_bandwidth(scene));
     if (left <= 0.25 * std::abs(speed[i]) && gained <= 0.8 * most && sinks <= 4.0 * most) continue;
     f.warning(
         Code::homing_sinks, "drives.homing_speed",

@@ -266,11 +266,11 @@ class Verdicts(unittest.TestCase):
 
     def test_homing_that_a_slow_loop_cannot_stop(self):
         homing = ('drives.zero="end_stop"', "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.5, -0.5]", "drives.homing_torque=[1.0, 1.0]", 'command={arm="link", speed=0.5, acceleration=5.0}')
-        for rate, gravity, sinks in ((1000, 9.8, False), (250, 9.8, False), (100, 9.8, True), (25, 9.8, True), (25, 0.0, False)):
+        for rate, gravity, sinks in ((1000, 9.8, False), (500, 9.8, False), (250, 9.8, True), (100, 9.8, True), (25, 9.8, True), (25, 0.0, False)):
             found = self.found(self.circle, *homing, f"control.rate_hz={rate}", f"mechanism.gravity={gravity}", "drives.watchdog_timeout=0.5")
             self.assertEqual(("warning", "homing_sinks", "drives.homing_speed") in found, sinks, (rate, gravity, found))
         self.assertNotIn("homing_sinks", {code for _, code, _ in self.found(self.circle, "control.rate_hz=100")})
-        slow = [v.replace("[0.5, -0.5]", "[0.2, -0.2]") for v in homing]
+        slow = [v.replace("[0.5, -0.5]", "[0.3, -0.3]") for v in homing]
         self.assertIn(("warning", "homing_sinks", "drives.homing_speed"), self.found(self.circle, *slow, "mechanism.gravity=9.8", "drives.watchdog_timeout=0.5"))
         for change, key in (("drives.homing_torque=[0.2, 0.2]", "homing_torque"), ("drives.homing_torque=[1.0, 0.2]", "homing_torque"), ("command.timeout=0", "command.timeout"),
                             ("drives.homing_speed=[-0.5, -0.5]", "homing_speed"), ("drives.homing_speed=[0.5, 0.5]", "homing_speed")):
