@@ -15,24 +15,29 @@ namespace esmc::host::plan {
 template <class M>
 class WayGuard {
  public:
-  WayGuard(const Problem<M>& p, MotorLimits<M>& motors) : p_(p), motors_(motors), base_(p.start_base) {}
+  WayGuard(const Problem<M>& p, MotorLimits<M>& motors) : p_(p), motors_(motors), base_(p.start_base) {
+    for (const Range<double>& r : p.controller.limits.joint_angle)
+      turns_ = turns_ || r.lower != Range<double>{}.lower || r.upper != Range<double>{}.upper;
+  }
 
   /// A stretch begins; rewind() leads back to there.
   void begin() { from_ = base_; }
   void rewind() { base_ = from_; }
-  /// Throws Refused for a pose of a move where the controller would raise a fault.
-  void check(const typename M::Pose& pose, std::size_t move) {
+  /// Throws Refused for a pose where the controller would raise a fault; move(): in which move it is.
+  template <class F>
+  void check(const typename M::Pose& pose, const F& move) {
     const auto& c = p_.controller;
     check_modes(pose, move);
     if (!c.limits.workspace_x.contains(pose.effector.x()) ||
         !c.limits.workspace_y.contains(pose.effector.y()))
-      throw Refused(move, "to", "leads beyond limits.workspace at " + place_text(pose.effector));
+      throw Refused(move(), "to", "leads beyond limits.workspace at " + place_text(pose.effector));
+    if (!turns_) return;
     const Vec2<double> wrapped = M::base_angles(pose);
     for (int k = 0; k < 2; ++k) {
       constexpr double turn = 2.0 * std::numbers::pi;
       base_[k] = wrapped[k] + turn * std::round((base_[k] - wrapped[k]) / turn);
       if (c.limits.joint_angle[static_cast<std::size_t>(k)].contains(base_[k])) continue;
-      throw Refused(move, "to",
+      throw Refused(move(), "to",
                     fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
                                 place_text(pose.effector), k + 1, base_[k]));
     }
@@ -61,13 +66,14 @@ class WayGuard {
   }
 
  private:
-  void check_modes(const typename M::Pose& pose, std::size_t move) const {
+  template <class F>
+  void check_modes(const typename M::Pose& pose, const F& move) const {
     const auto& c = p_.controller;
     const double type1 = M::min_abs_sin_type1(pose), type2 = M::sin_type2_in_mode(pose, c.mode);
     if (!(type1 >= c.limits.min_abs_sin_type1) || !M::in_working_mode(pose, c.mode)) {
-      const bool asked = changes_mode(move);
+      const bool asked = changes_mode(move());
       throw Refused(
-          move, asked ? "working_mode" : "to",
+          move(), asked ? "working_mode" : "to",
           fmt::format(
               "{} at {}: |sin theta_j2| = {:.3g}, limits.min_abs_sin_type1 = {:g}, and the controller "
               "keeps its working mode",
@@ -76,7 +82,7 @@ class WayGuard {
     }
     const bool regular = c.motors == Motors::all && c.sensors == Sensors::all;
     if (regular || type2 >= c.limits.min_abs_sin_type2) return;
-    throw Refused(move, "to",
+    throw Refused(move(), "to",
                   fmt::format("leads {} at {}: |D2| = {:.3g}, limits.min_abs_sin_type2 = {:g}",
                               type2 < 0.0 ? "into the other assembly mode" : "into a type-2 singularity",
                               place_text(pose.effector), std::abs(type2), c.limits.min_abs_sin_type2));
@@ -85,6 +91,7 @@ class WayGuard {
   const Problem<M>& p_;
   MotorLimits<M>& motors_;
   Vec2<double> base_, from_ = base_;  // rad, not wrapped
+  bool turns_ = false;                // a joint angle is limited, so that turns are followed
 };
 
 }  // namespace esmc::host::plan

@@ -3,6 +3,7 @@
 
 #include "host_sim/design/efforts.hpp"
 #include "host_sim/design/result.hpp"
+#include "host_sim/plan/inertia.hpp"
 #include "host_sim/plan/route.hpp"
 #include "host_sim/plan/timing.hpp"
 
@@ -41,6 +42,8 @@ class MotorLimits {
                        rows = (M::channels - first) / legs;
 
   explicit MotorLimits(const Problem<M>& p) : p_(p), four_(p.controller.allocate != nullptr) {
+    if (p.loaded) models_.emplace_back(*p.loaded);
+    models_.emplace_back(p.controller.mechanism);
     if (p.uncertain) uncertain_ = *p.uncertain;
     if (uncertain_) uncertain_->points.resize(1);
     for (const auto& list : {p.friction.viscous, p.friction.dry, p.friction.asymmetry})
@@ -51,54 +54,70 @@ class MotorLimits {
 
   [[nodiscard]] int count() const { return four_ ? 4 : 2; }
 
-  /// Linear in the forces w on the channels.
-  [[nodiscard]] Loads loads(const typename M::Pose& pose, const Channels& w) const {
+  /// Of a pose: the loads of forces on its independent coordinates, base joints or effector.
+  struct Scale {
+    bool by_base = true;
+    std::array<Vec2<double>, 4> of{};
+  };
+  [[nodiscard]] Scale scale(const typename M::Pose& pose) const {
     const auto& c = p_.controller;
-    Loads out{};
+    Scale out;
     if constexpr (M::joints == 4) {
       if (four_) {
-        const FourMotors<double> four = four_motors(c.mechanism, pose, w);
+        const FourMotors<double> four = four_motors(c.mechanism, pose, Channels::Zero().eval());
+        out.by_base = M::abs_sin_type2(pose) >= M::min_abs_sin_type1(pose);
         for (int i = 0; i < 4; ++i) {
           const Vec2<double> side = four.rows.row(i).transpose();
           double width = 0.0;
           for (int j = 0; j < 4; ++j)
             width += c.torque_limit[j] * std::abs(cross(Vec2<double>(four.rows.row(j).transpose()), side));
-          out[static_cast<std::size_t>(i)] = width > 0.0 ? cross(four.F, side) / width : 0.0;
+          out.of[static_cast<std::size_t>(i)] = width > 0.0 ? -perp(side) / width : Vec2<double>(0, 0);
         }
         return out;
       }
     }
-    const Vec2<double> torque = c.mechanism.base_torque(pose, w);
     for (int i = 0; i < 2; ++i)
-      out[static_cast<std::size_t>(i)] = torque[i] / c.torque_limit[ControllerConfig<M>::joint_of(i, 2)];
+      out.of[static_cast<std::size_t>(i)] = Vec2<double>::Unit(i) / c.torque_limit[c.joint_of(i, 2)];
+    return out;
+  }
+  /// Linear in the forces.
+  [[nodiscard]] Loads loads(const Scale& scale, const typename M::Pose& pose, const Forces& f) const {
+    Vec2<double> force = f.leg[0];
+    if constexpr (M::joints == 4) {
+      const M& m = p_.controller.mechanism;
+      force = scale.by_base ? m.gather_on_base(pose, f.effector, f.leg) : m.gather(pose, f.effector, f.leg);
+    }
+    Loads out{};
+    for (std::size_t i = 0; i < (four_ ? 4 : 2); ++i) out[i] = scale.of[i].dot(force);
     return out;
   }
 
-  /// Forces on the channels of a motion, friction included.
-  [[nodiscard]] Channels forces(const M& m, const Desired<M>& d) const {
-    Channels a = m.channel_accelerations(d.pose, d.rates, d.acceleration);
-    m.add_rotors(a);
-    Channels w = forces_of(m, d.pose, a);
-    if (rubs_) w += friction(d.rates, p_.friction.viscous) + dry(d.rates);
-    return w;
-  }
-
-  /// Loads of a motion: what a longer time leaves, friction included, and what falls with its square.
-  [[nodiscard]] std::pair<Loads, Loads> split(const M& m, const Desired<M>& d) const {
-    Channels rest = forces_of(m, d.pose, Channels::Zero().eval());
-    if (rubs_) rest += friction(d.rates, p_.friction.viscous) + dry(d.rates);
-    return {loads(d.pose, rest), loads(d.pose, forces(m, d) - rest)};
+  /// Loads of a motion: what a longer time leaves, dry friction included, what falls with it, which is
+  /// viscous friction, and what falls with its square.
+  struct Split {
+    Loads rest{}, drag{}, push{};
+  };
+  [[nodiscard]] Split split(const Inertia<M>& m, const Desired<M>& d, const Scale& scale) const {
+    Forces rest = m.weight(d.pose);
+    Split out;
+    if (rubs_) {
+      add(rest, dry(d.rates));
+      out.drag = loads(scale, d.pose, friction(d.rates, p_.friction.viscous));
+    }
+    out.rest = loads(scale, d.pose, rest);
+    out.push = loads(scale, d.pose, m.push(d.pose, d.rates, d.acceleration));
+    return out;
   }
   /// Largest share of the motors that holding a pose takes, of each load; the worst plant where there is
   /// uncertainty.
   [[nodiscard]] Loads holding(const typename M::Pose& pose) {
     Loads out{};
+    const Scale scale = this->scale(pose);
     const Desired<M> still{pose, M::Rates::Zero(), M::Rates::Zero()};
     const std::pair<Loads, Loads> less =
         reserve(still, {pose.effector, Vec2<double>(0, 0), Vec2<double>(0, 0)});
-    for (const M* m : {p_.loaded ? &*p_.loaded : nullptr, &p_.controller.mechanism}) {
-      if (m == nullptr) continue;
-      const Loads l = loads(pose, forces_of(*m, pose, Channels::Zero().eval()));
+    for (const Inertia<M>& m : models_) {
+      const Loads l = loads(scale, pose, m.weight(pose));
       for (std::size_t i = 0; i < l.size(); ++i) {
         out[i] = std::max({out[i], l[i] - less.first[i], less.second[i] - l[i]});
         if (std::isnan(l[i])) out[i] = std::numeric_limits<double>::infinity();
@@ -111,31 +130,27 @@ class MotorLimits {
   /// Adds the rows of the motors at a place.
   void add_rows(const Place<M>& at, const Reserve& less, std::vector<Row>& out) const {
     const Desired<M>& d = at.at;
-    Loads viscous{}, stick{};
+    const Scale scale = this->scale(d.pose);
+    Loads viscous{};
+    Forces stick;
     if (rubs_) {
-      viscous = loads(d.pose, friction(d.rates, p_.friction.viscous));
-      stick = loads(d.pose, dry(d.rates));
+      viscous = loads(scale, d.pose, friction(d.rates, p_.friction.viscous));
+      stick = dry(d.rates);
     }
-    const auto add = [&](const M& m) {
-      const auto still = M::Rates::Zero();
-      const Channels weight = forces_of(m, d.pose, Channels::Zero().eval());
-      Channels push = m.channel_accelerations(d.pose, still, d.rates);
-      Channels bend = m.channel_accelerations(d.pose, d.rates, d.acceleration);
-      m.add_rotors(push);
-      m.add_rotors(bend);
-      const Loads a = loads(d.pose, forces_of(m, d.pose, push) - weight),
-                  b = loads(d.pose, forces_of(m, d.pose, bend) - weight), c = loads(d.pose, weight);
+    for (const Inertia<M>& m : models_) {
+      Forces still = m.weight(d.pose);
+      if (rubs_) add(still, stick);
+      const Loads c = loads(scale, d.pose, still),
+                  a = loads(scale, d.pose, m.push(d.pose, M::Rates::Zero(), d.rates)),
+                  b = loads(scale, d.pose, m.push(d.pose, d.rates, d.acceleration));
       for (std::size_t i = 0; i < static_cast<std::size_t>(count()); ++i) {
-        const double rest = c[i] + stick[i];
         const Affine &low = less.low[i], &high = less.high[i];
-        out.push_back(
-            {a[i] - low.per_u, b[i] - low.per_x, viscous[i], 1.0 + low.rest - rest, LimitKind::torque});
-        out.push_back(
-            {high.per_u - a[i], high.per_x - b[i], -viscous[i], 1.0 - high.rest + rest, LimitKind::torque});
+        const double least = high.rest - c[i] - 1.0, most = 1.0 + low.rest - c[i];
+        const bool alike = low.per_u == high.per_u && low.per_x == high.per_x;
+        out.push_back({a[i] - low.per_u, b[i] - low.per_x, viscous[i], alike ? least : -unlimited, most});
+        if (!alike) out.push_back({a[i] - high.per_u, b[i] - high.per_x, viscous[i], least, unlimited});
       }
-    };
-    add(p_.controller.mechanism);
-    if (p_.loaded) add(*p_.loaded);
+    }
   }
 
   /// What the worst plant takes beyond the believed one on the motion itself: smallest and largest of the
@@ -152,9 +167,9 @@ class MotorLimits {
     const design::Worst<M> worst(design::Uncertain<M>(*uncertain_), s, 0.0);
     List<Loads, 2> unit{};
     for (int k = 0; k < 2; ++k) {
-      Channels push = Channels::Zero();
-      push[k] = 1.0;  // on independent coordinate k: effector, or joint of the RR
-      unit[k] = loads(s.track.pose, push);
+      Forces push;  // on independent coordinate k: effector, or joint of the RR
+      (M::joints == 4 ? push.effector : push.leg[0])[k] = 1.0;
+      unit[k] = loads(scale(s.track.pose), s.track.pose, push);
     }
     for (std::size_t i = 0; i < static_cast<std::size_t>(count()); ++i) {
       const design::Span span = worst.along(Vec2<double>(unit[0][i], unit[1][i]));
@@ -166,78 +181,94 @@ class MotorLimits {
 
   /// Torques of the motors, N m, as the controller would share them.
   [[nodiscard]] Vec<double, M::joints> torques(const Desired<M>& d, bool loaded) const {
-    return design::effort(p_.controller, d.pose,
-                          forces(loaded && p_.loaded ? *p_.loaded : p_.controller.mechanism, d))
-        .torque;
+    const Inertia<M>& m = loaded ? models_.front() : models_.back();
+    Forces f = m.weight(d.pose);
+    add(f, m.push(d.pose, d.rates, d.acceleration));
+    if (rubs_) {
+      add(f, dry(d.rates));
+      add(f, friction(d.rates, p_.friction.viscous));
+    }
+    Channels w = Channels::Zero();
+    if constexpr (M::joints == 4) w.template head<2>() = f.effector;
+    for (int j = 0; j < legs; ++j) w.template segment<2>(first + rows * j) = f.leg[j];
+    return design::effort(p_.controller, d.pose, w).torque;
   }
+  [[nodiscard]] const std::vector<Inertia<M>>& models() const { return models_; }  ///< the last: unloaded
 
  private:
-  static double rate_of(const typename M::Rates& r, int joint) {
-    return design::Uncertain<M>::joint_rate(r, joint);
+  static void add(Forces& to, const Forces& f) {
+    to.effector += f.effector;
+    for (int j = 0; j < legs; ++j) to.leg[j] += f.leg[j];
   }
-  static int row_of(int joint) { return first + rows * (joint / 2) + joint % 2; }
-
-  Channels friction(const typename M::Rates& r, const std::array<double, 4>& coefficient) const {
-    Channels w = Channels::Zero();
+  static Forces friction(const typename M::Rates& r, const std::array<double, 4>& coefficient) {
+    Forces out;
     for (int j = 0; j < M::joints; ++j)
-      w[row_of(j)] = coefficient[static_cast<std::size_t>(j)] * rate_of(r, j);
-    return w;
+      out.leg[j / 2][j % 2] = coefficient[static_cast<std::size_t>(j)] * Inertia<M>::leg_of(r, j / 2)[j % 2];
+    return out;
   }
-  Channels dry(const typename M::Rates& r) const {
-    Channels w = Channels::Zero();
+  [[nodiscard]] Forces dry(const typename M::Rates& r) const {
+    Forces out;
     for (int j = 0; j < M::joints; ++j) {
       const auto u = static_cast<std::size_t>(j);
-      const double rate = rate_of(r, j), sign = rate > 0.0 ? 1.0 : (rate < 0.0 ? -1.0 : 0.0);
-      w[row_of(j)] = p_.friction.dry[u] * sign + (sign != 0.0 ? p_.friction.asymmetry[u] : 0.0);
+      const double rate = Inertia<M>::leg_of(r, j / 2)[j % 2],
+                   sign = rate > 0.0 ? 1.0 : (rate < 0.0 ? -1.0 : 0.0);
+      out.leg[j / 2][j % 2] = p_.friction.dry[u] * sign + (sign != 0.0 ? p_.friction.asymmetry[u] : 0.0);
     }
-    return w;
+    return out;
   }
 
   const Problem<M>& p_;
   bool four_, rubs_ = false;  // four motors; friction
+  std::vector<Inertia<M>> models_;
   std::optional<design::Problem<M>> uncertain_;
 };
 
-/// What is left of the right side of a row where only a share of its limit may be used.
-[[nodiscard]] inline double lowered(const Row& r, double share) {
-  if (r.kind == LimitKind::torque) return r.c - (1.0 - share);
-  return r.kind == LimitKind::acceleration ? r.c * share : r.c * share * share;
+/// Leaves of a row the share of its limit that may be used.
+inline void lower(Row& r, double share) {
+  if (r.kind == LimitKind::torque) {
+    r.low += 1.0 - share;
+    r.high -= 1.0 - share;
+  } else {
+    const double factor = r.kind == LimitKind::acceleration ? share : share * share;
+    r.low *= factor;
+    r.high *= factor;
+  }
 }
 
-/// Adds the rows of speeds and accelerations that `move` and the controller allow.
+/// Adds the rows of speeds, all in one, and accelerations that `move` and the controller allow.
 template <class M>
 void add_motion_rows(const Problem<M>& p, const Piece& piece, const Place<M>& at, std::vector<Row>& out) {
-  const auto square = [](double v) { return v * v; };
-  for (int i = 0; i < 2; ++i) {
-    const double allowed = speed_reserve * p.controller.limits.joint_speed;
-    out.push_back({0.0, square(at.base1[i]), 0.0, square(allowed), LimitKind::joint_speed});
-  }
+  double fastest = 0.0;  // of all rates, as shares of what is allowed
+  const auto at_most = [&](double rate, double allowed) {
+    fastest = std::max(fastest, std::abs(rate) / allowed);
+  };
+  const auto within = [&](double a, double b, double allowed) {
+    out.push_back({a, b, 0.0, -allowed, allowed, LimitKind::acceleration});
+  };
+  for (int i = 0; i < 2; ++i) at_most(at.base1[i], speed_reserve * p.controller.limits.joint_speed);
   for (std::size_t k = piece.move; k <= piece.next; ++k) {
     const MoveScene& m = p.moves[k];
-    const double speed = m.speed.value_or(0.0), acceleration = m.acceleration.value_or(0.0);
-    constexpr LimitKind fast = LimitKind::speed, hard = LimitKind::acceleration;
     if (m.kind == MoveKind::joint) {
       for (int i = 0; i < 2; ++i) {
-        if (m.speed) out.push_back({0.0, square(at.base1[i]), 0.0, square(speed), fast});
-        if (!m.acceleration) continue;
-        out.push_back({at.base1[i], at.base2[i], 0.0, acceleration, hard});
-        out.push_back({-at.base1[i], -at.base2[i], 0.0, acceleration, hard});
+        if (m.speed) at_most(at.base1[i], *m.speed);
+        if (m.acceleration) within(at.base1[i], at.base2[i], *m.acceleration);
       }
       continue;
     }
-    if (m.speed) out.push_back({0.0, at.tip.d1.squaredNorm(), 0.0, square(speed), fast});
+    const double pace = at.tip.d1.norm();
+    if (m.speed) at_most(pace, *m.speed);
     if (!m.acceleration) continue;
     // A polygon in the disc of accelerations, with corners along and across the path.
     constexpr int sides = 32;
-    const double pace = at.tip.d1.norm();
     const Vec2<double> along = at.tip.d1 / pace;
-    for (int i = 0; i < sides; ++i) {
+    for (int i = 0; i < sides / 2; ++i) {
       const double angle = 2.0 * std::numbers::pi * (i + 0.5) / sides;
       const Vec2<double> normal = along * std::cos(angle) + perp(along) * std::sin(angle);
-      out.push_back({normal.dot(at.tip.d1), normal.dot(at.tip.d2), 0.0,
-                     acceleration * std::cos(std::numbers::pi / sides), hard});
+      within(normal.dot(at.tip.d1), normal.dot(at.tip.d2),
+             *m.acceleration * std::cos(std::numbers::pi / sides));
     }
   }
+  out.push_back({0.0, fastest * fastest, 0.0, -unlimited, 1.0, LimitKind::speed});
 }
 
 }  // namespace esmc::host::plan

@@ -36,7 +36,7 @@ class Measurement {
     for (std::size_t i = stretch.first; i <= stretch.last; ++i)
       limits_moves_ = limits_moves_ || p_.moves[i].speed || p_.moves[i].acceleration;
     slots_.clear();
-    for (int k = p_.loaded ? 0 : 1; k < 2; ++k) {
+    for (std::size_t k = 0; k < motors_.models().size(); ++k) {
       for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i)
         slots_.push_back({LimitKind::torque, i});
     }
@@ -62,8 +62,8 @@ class Measurement {
     table_ = fitted();
     guard_.rewind();
     looks_.clear();
+    shares_.clear();
     triples_.clear();
-    near_.clear();
     for (const TimedPiece& piece : table_) look_along(piece);
     between_ = looks_.size();
     return judge(1.0);
@@ -74,24 +74,29 @@ class Measurement {
     use_ = {};
     excess_.clear();
     double most = 0.0;
-    const double square = 1.0 / (factor * factor);
-    for (const auto& [first, second, third] : triples_) {
-      const std::array<const Look*, 3> at{&looks_[first], &looks_[second], &looks_[third]};
-      const double sixth = factor * (at[2]->t - at[0]->t) / 6.0;
-      for (std::size_t k = 0; k < slots_.size(); ++k) {
-        const auto [kind, i] = slots_[k];
-        const double scale = falls_by_speed(kind) ? 1.0 / factor : square;
-        const double a = at[0]->of[k].at(scale), b = at[1]->of[k].at(scale), c = at[2]->of[k].at(scale);
-        const double limit = allowed(kind), share = peak(a, b, c);
-        Use& use = use_[static_cast<std::size_t>(kind)][i];
+    std::vector<double> value(looks_.size());
+    for (std::size_t k = 0; k < slots_.size(); ++k) {
+      const auto [kind, i] = slots_[k];
+      const double limit = allowed(kind), active = at_limit * limit;
+      Use& use = use_[static_cast<std::size_t>(kind)][i];
+      for (std::size_t n = 0; n < value.size(); ++n)
+        value[n] = shares_[n * slots_.size() + k].at(1.0 / factor);
+      const auto note = [&](double share, std::size_t from, std::size_t to) {
         use.share = std::max(use.share, share);
-        if (share > at_limit * limit)
-          for (const double v : {a, b, b, b, b, c}) use.active += v > at_limit * limit ? sixth : 0.0;
-        if (share > limit) excess_.push_back({at[0]->t, at[2]->t, kind, share});
-        if (share <= most * limit) continue;
+        if (share > limit) excess_.push_back({looks_[from].t, looks_[to].t, kind, share});
+        if (share <= most * limit) return;
         most = share / limit;
-        where_ = at[1]->t;
+        where_ = 0.5 * (looks_[from].t + looks_[to].t);
+      };
+      for (const Triple& three : triples_) {
+        const double a = value[three.first], b = value[three.first + 1], c = value[three.first + 2];
+        const double share = peak(a, b, c),
+                     sixth = factor * (looks_[three.first + 2].t - looks_[three.first].t) / 6.0;
+        if (share > active)
+          for (const double v : {a, b, b, b, b, c}) use.active += v > active ? sixth : 0.0;
+        note(share, three.first, three.first + 2);
       }
+      for (std::size_t n = between_; n < value.size(); ++n) note(value[n], n, n);
     }
     return most;
   }
@@ -101,26 +106,27 @@ class Measurement {
       piece.begin *= factor;
       piece.curve.duration *= factor;
     }
-    for (Look& look : looks_) {
-      look.t *= factor;
-      for (std::size_t k = 0; k < slots_.size(); ++k)
-        look.of[k].push /= falls_by_speed(slots_[k].kind) ? factor : factor * factor;
+    for (Look& look : looks_) look.t *= factor;
+    for (Share& share : shares_) {
+      share.drag /= factor;
+      share.push /= factor * factor;
     }
   }
   /// Measures the ticks as well, where a limit is near; `begin`: of the stretch, s. Returns the largest
   /// share.
   double take_ticks(double begin) {
     looks_.resize(between_);
-    while (!triples_.empty() && triples_.back()[0] >= between_) triples_.pop_back();
+    shares_.resize(between_ * slots_.size());
     guard_.rewind();
-    for (std::size_t i = 0; i < table_.size(); ++i) {
-      const TimedPiece& piece = table_[i];
-      auto n = static_cast<std::uint64_t>(std::ceil((begin + piece.begin) / p_.tick - 1e-9));
-      for (double t = 0.0; near_[i]; ++n) {
-        t = static_cast<double>(n) * p_.tick - begin - piece.begin;
-        if (!(t < piece.curve.duration)) break;
-        triples_.push_back({looks_.size(), looks_.size(), looks_.size()});
-        looks_.push_back(look(piece.begin + t, piece.curve.at(std::max(t, 1e-6 * piece.curve.duration))));
+    for (const Triple& three : triples_) {
+      if (!three.motors_near && !three.moves_near) continue;
+      const TimedPiece& piece = table_[three.piece];
+      const double from = looks_[three.first].t, to = looks_[three.first + 2].t;
+      auto n = static_cast<std::uint64_t>(std::ceil((begin + from) / p_.tick - 1e-9));
+      for (;; ++n) {
+        const double t = static_cast<double>(n) * p_.tick - begin;
+        if (!(t < to)) break;
+        look(t, piece.curve.at(std::max(t - piece.begin, 1e-6 * piece.curve.duration)), three.motors_near);
       }
     }
     return judge(1.0);
@@ -134,32 +140,37 @@ class Measurement {
     return out;
   }
   [[nodiscard]] double where() const { return where_; }  ///< time of the largest share, s
-  /// Whether judge() is exact: neither friction nor a reserve falls otherwise.
-  [[nodiscard]] bool scales() const { return !p_.uncertain && !motors_.rubs(); }
+  /// Whether judge() is exact: no reserve falls otherwise.
+  [[nodiscard]] bool scales() const { return !p_.uncertain; }
 
-  [[nodiscard]] std::optional<Desired<M>> desired(const Motion2<double>& m) const {
+  [[nodiscard, gnu::flatten]] bool desired(const Motion2<double>& m, Desired<M>& d) const {
     return desired_at_effector(p_.controller.mechanism, p_.controller.mode, m.position, m.velocity,
-                               m.acceleration);
+                               m.acceleration, d.pose, d.rates, d.acceleration);
   }
 
  private:
-  /// The share of a limit: what a longer time leaves, either way, and what it makes less.
+  /// The share of a limit: what a longer time leaves, either way, what falls with it and with its square.
   struct Share {
-    double up = 0.0, down = 0.0, push = 0.0;
-    [[nodiscard]] double at(double scale) const { return std::max(up + push * scale, down - push * scale); }
+    double up = 0.0, down = 0.0, drag = 0.0, push = 0.0;
+    [[nodiscard]] double at(double pace) const {
+      const double moving = (drag + push * pace) * pace;
+      return std::max(up + moving, down - moving);
+    }
   };
   struct Slot {
     LimitKind kind;
     std::size_t i;
   };
   struct Look {
-    double t = 0.0;  // s
-    std::array<Share, 12> of{};
+    double t;                      // s
+    bool motors_near, moves_near;  // a share is large: of motors and joints, of a move's own limits
+  };
+  /// Three looks in a row on one quintic, at equal distances.
+  struct Triple {
+    std::size_t first, piece;
+    bool motors_near, moves_near;
   };
 
-  static bool falls_by_speed(LimitKind kind) {
-    return kind == LimitKind::speed || kind == LimitKind::joint_speed;
-  }
   /// The largest value of the parabola through three values at equal distances, between them.
   static double peak(double a, double b, double c) {
     const double bend = 2.0 * b - a - c, slope = c - a;
@@ -180,59 +191,68 @@ class Measurement {
         });
   }
   void look_along(const TimedPiece& piece) {
-    constexpr double farthest = 4.0, calm = 0.75, most = 10000.0;  // ticks; share; looks
+    constexpr double farthest = 4.0, most = 10000.0;  // ticks; looks
     const double length = piece.curve.duration,
                  step = std::max(farthest * p_.tick, timing_->duration() / most);
-    const auto at = [&](std::size_t i, std::size_t n) {
+    const auto n = 2 * static_cast<std::size_t>(std::ceil(0.5 * length / step));
+    const std::size_t first = looks_.size() - (piece.joins ? 1 : 0);
+    for (std::size_t i = piece.joins ? 1 : 0; i <= n; ++i) {
       // At rest itself dry friction has no direction: a look is beside it.
       const double t = length * std::clamp(static_cast<double>(i) / static_cast<double>(n), 1e-6, 1.0 - 1e-6);
-      return look(piece.begin + t, piece.curve.at(t));
-    };
-    const auto n = 2 * static_cast<std::size_t>(std::ceil(0.5 * length / step));
-    std::vector<Look> far;
-    double share = 0.0;
-    for (std::size_t i = 0; i <= n; ++i) {
-      far.push_back(at(i, n));
-      for (std::size_t k = 0; k < slots_.size(); ++k) share = std::max(share, far[i].of[k].at(1.0));
+      look(piece.begin + t, piece.curve.at(t), true);
+      if (i % 2 == 1 || i == 0) continue;
+      const Look &a = looks_[first + i - 2], &b = looks_[first + i - 1], &c = looks_[first + i];
+      triples_.push_back({first + i - 2, static_cast<std::size_t>(&piece - table_.data()),
+                          a.motors_near || b.motors_near || c.motors_near,
+                          a.moves_near || b.moves_near || c.moves_near});
     }
-    near_.push_back(share > calm);
-    for (std::size_t i = 2; i <= n; i += 2)
-      triples_.push_back({looks_.size() + i - 2, looks_.size() + i - 1, looks_.size() + i});
-    looks_.insert(looks_.end(), far.begin(), far.end());
   }
-  /// Measures the motion m of time t.
-  Look look(double t, const Motion2<double>& m) {
-    const auto d = desired(m);
-    if (!d)
-      throw Refused(Route<M>::piece_at(*stretch_, timing_->at(t).s).move, "to",
-                    "leads out of reach at " + place_text(m.position));
-    const Piece& piece = Route<M>::piece_at(*stretch_, timing_->at(t).s);
-    guard_.check(d->pose, piece.move);
-    Look out;
-    out.t = t;
-    Share* to = out.of.data();
-    const std::pair<Loads, Loads> less = motors_.reserve(*d, m);
-    for (const M* model : {p_.loaded ? &*p_.loaded : nullptr, &p_.controller.mechanism}) {
-      if (model == nullptr) continue;
-      const auto [rest, push] = motors_.split(*model, *d);
-      for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i) {
-        *to++ = {rest[i] - less.first[i], less.second[i] - rest[i], push[i]};
-        if (std::isnan(push[i])) to[-1] = {std::numeric_limits<double>::infinity(), 0.0, 0.0};
+  /// Measures the motion m of time t; without `motors` only what the moves themselves limit.
+  void look(double t, const Motion2<double>& m, bool motors) {
+    constexpr double calm = 0.75;  // share
+    const auto piece = [&]() -> const Piece& { return Route<M>::piece_at(*stretch_, timing_->at(t).s); };
+    const std::size_t begin = shares_.size();
+    shares_.resize(begin + slots_.size());
+    Share* to = &shares_[begin];
+    Vec2<double> rate(0, 0), acceleration(0, 0);
+    if (motors) {
+      Desired<M> d;
+      if (!desired(m, d))
+        throw Refused(piece().move, "to", "leads out of reach at " + place_text(m.position));
+      guard_.check(d.pose, [&] { return piece().move; });
+      const std::pair<Loads, Loads> less = motors_.reserve(d, m);
+      const auto scale = motors_.scale(d.pose);
+      for (const Inertia<M>& model : motors_.models()) {
+        const auto [rest, drag, push] = motors_.split(model, d, scale);
+        for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i) {
+          *to++ = {rest[i] - less.first[i], less.second[i] - rest[i], drag[i], push[i]};
+          if (std::isnan(push[i])) to[-1] = {std::numeric_limits<double>::infinity()};
+        }
       }
+      rate = M::base(d.rates);
+      acceleration = M::base(d.acceleration);
+      for (int i = 0; i < 2; ++i)
+        (to++)->drag = std::abs(rate[i]) / (speed_reserve * p_.controller.limits.joint_speed);
     }
-    const Vec2<double> rate = M::base(d->rates), acceleration = M::base(d->acceleration);
-    for (int i = 0; i < 2; ++i)
-      *to++ = {0.0, 0.0, std::abs(rate[i]) / (speed_reserve * p_.controller.limits.joint_speed)};
-    if (!limits_moves_) return out;
-    for (std::size_t k = piece.move; k <= piece.next; ++k) {
+    const auto near = [&](const Share* share, const Share* end) {
+      return std::any_of(share, end, [](const Share& s) { return s.at(1.0) > calm; });
+    };
+    Share* const own = &shares_[begin] + slots_.size() - (limits_moves_ ? 2 : 0);
+    looks_.push_back({t, near(&shares_[begin], own), false});
+    if (!limits_moves_) return;
+    const Piece& on = piece();
+    bool joints = false;
+    for (std::size_t k = on.move; k <= on.next; ++k) {
       const MoveScene& move = p_.moves[k];
       const bool joint = move.kind == MoveKind::joint;
+      joints = joints || joint;
       const double v = joint ? rate.cwiseAbs().maxCoeff() : m.velocity.norm(),
                    a = joint ? acceleration.cwiseAbs().maxCoeff() : m.acceleration.norm();
-      if (move.speed) to[0].push = std::max(to[0].push, v / *move.speed);
-      if (move.acceleration) to[1].push = std::max(to[1].push, a / *move.acceleration);
+      if (move.speed) own[0].drag = std::max(own[0].drag, v / *move.speed);
+      if (move.acceleration) own[1].push = std::max(own[1].push, a / *move.acceleration);
     }
-    return out;
+    looks_.back().moves_near = near(own, own + 2);
+    if (joints && looks_.back().moves_near) looks_.back().motors_near = true;  // rates of joints are needed
   }
 
   const Problem<M>& p_;
@@ -245,10 +265,10 @@ class Measurement {
   std::vector<TimedPiece> table_;
   std::vector<Slot> slots_;  // of the shares of every look
   std::vector<Look> looks_;
-  std::vector<std::array<std::size_t, 3>> triples_;  // of looks on one quintic; of a tick thrice the same
-  std::vector<bool> near_;                           // of quintics: a limit is near
-  std::size_t between_ = 0;                          // looks that are not ticks
-  std::vector<Excess> excess_;                       // by time
+  std::vector<Share> shares_;  // look by look
+  std::vector<Triple> triples_;
+  std::size_t between_ = 0;  // looks that are not ticks
+  std::vector<Excess> excess_;
   Uses use_{};
   double where_ = 0.0;
 };

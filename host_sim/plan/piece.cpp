@@ -19,13 +19,13 @@ double distance(const Vec2<double>& p, const Vec2<double>& a, const Vec2<double>
 
 }  // namespace
 
-CurvePoint Piece::point(double t) const {
+CurvePoint Piece::point(double t, bool third) const {
   CurvePoint out;
   switch (kind) {
     case Kind::polynomial: {
       const double u = t / scale;
       for (std::size_t k = terms; k-- > 0;) {  // Horner's rule, with three derivatives
-        out.d3 = out.d3 * u + 3.0 * out.d2;
+        if (third) out.d3 = out.d3 * u + 3.0 * out.d2;
         out.d2 = out.d2 * u + 2.0 * out.d1;
         out.d1 = out.d1 * u + out.p;
         out.p = out.p * u + c[k];

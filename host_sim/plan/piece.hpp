@@ -36,8 +36,8 @@ struct Piece {
   [[nodiscard]] bool straight() const { return kind == Kind::polynomial && terms == 2; }
   [[nodiscard]] bool blend() const { return move != next; }
   [[nodiscard]] double length() const { return end - begin; }
-  /// Point of a curve in the plane; of a joint piece base angles, rad.
-  [[nodiscard]] CurvePoint point(double t) const;
+  /// Point of a curve in the plane; of a joint piece base angles, rad. `third`: d3 as well.
+  [[nodiscard]] CurvePoint point(double t, bool third = true) const;
   [[nodiscard]] Vec2<double> position(double t) const;  ///< the same without its derivatives
 };
 

@@ -77,13 +77,13 @@ class Planner {
       const auto at = route_.place(*stretch_, middle);
       if (!at) return;
       try {
-        guard_.check(at->at.pose, piece_at(middle).move);
+        guard_.check(at->at.pose, [&] { return piece_at(middle).move; });
         s = middle;
       } catch (const Refused&) {
         end = middle;
       }
     }
-    guard_.check(route_.place(*stretch_, end)->at.pose, piece_at(end).move);
+    guard_.check(route_.place(*stretch_, end)->at.pose, [&] { return piece_at(end).move; });
   }
   /// Guards of the controller along the stretch.
   void check_way() {
@@ -91,7 +91,7 @@ class Planner {
       if (!spots_[i].at) continue;
       const typename M::Pose& pose = spots_[i].at->at.pose;
       try {
-        guard_.check(pose, spots_[i].piece->move);
+        guard_.check(pose, [&] { return spots_[i].piece->move; });
       } catch (const Refused&) {
         if (i >= 2) refuse_from(spots_[i - 2].s, spots_[i].s);
         throw;
@@ -108,10 +108,8 @@ class Planner {
   Squares solve(const std::vector<Shares>& most, const Squares& start) {
     const std::vector<Row> whole = grid_.rows;
     for (std::size_t i = 0; i < most.size(); ++i) {
-      for (std::size_t k = grid_.first[i]; k < grid_.first[i + 1]; ++k) {
-        Row& row = grid_.rows[k];
-        row.c = lowered(row, most[i][static_cast<std::size_t>(row.kind)]);
-      }
+      for (std::size_t k = grid_.first[i]; k < grid_.first[i + 1]; ++k)
+        plan::lower(grid_.rows[k], most[i][static_cast<std::size_t>(grid_.rows[k].kind)]);
     }
     Squares x = solve(start);
     grid_.rows = whole;
@@ -162,8 +160,8 @@ class Planner {
   void add_reserve(const CurvePoint& tip, double x, double u, Reserve& less) {
     const auto at = [&](double square, double bend) -> std::optional<std::pair<Loads, Loads>> {
       const Motion2<double> m = motion_at(tip, {0.0, std::sqrt(square), bend});
-      const auto d = measured_.desired(m);
-      return d ? std::optional(motors_.reserve(*d, m)) : std::nullopt;
+      Desired<M> d;
+      return measured_.desired(m, d) ? std::optional(motors_.reserve(d, m)) : std::nullopt;
     };
     constexpr double share = 1e-3, least = 1e-6;
     const double du = share * std::abs(u) + least, dx = share * x + least;
@@ -189,10 +187,11 @@ class Planner {
     Shares all;
     for (std::size_t k = 0; k < kinds; ++k) all[k] = measured_.allowed(static_cast<LimitKind>(k));
     Squares x = solve_anew(true);
-    for (int pass = 0; pass < refinements && spots_.refine(x); ++pass) {
+    for (int pass = 1; spots_.refine(x) && pass < refinements; ++pass) {
       spots_.set_rows();
       x = solve(x, true);
     }
+    spots_.set_rows();
     x = solve(x);
     std::vector<Shares> most(spots_.size(), all);  // share of each limit that may be used, spot by spot
     Timing timing;
@@ -257,7 +256,7 @@ class Planner {
       return static_cast<std::size_t>(std::upper_bound(grid_.s.begin(), grid_.s.end(), s) - grid_.s.begin());
     };
     for (const Excess& e : measured_.excess()) {
-      const auto k = static_cast<std::size_t>(e.kind);
+      const auto k = static_cast<std::size_t>(e.kind == LimitKind::joint_speed ? LimitKind::speed : e.kind);
       const std::size_t first = 2 * index(e.from), last = std::min(2 * index(e.to), most.size() - 1);
       for (std::size_t i = first > 2 ? first - 3 : 0; i <= last; ++i) {
         const double less = before[i][k] * measured_.allowed(e.kind) / (e.share * (1.0 + spare(e.share)));

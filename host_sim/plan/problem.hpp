@@ -48,18 +48,4 @@ struct Problem {
   std::optional<design::Problem<M>> uncertain;     ///< torque is left for the worst plant of it
 };
 
-/// Forces that accelerations v of the channels of `m` take, without friction. Of an arm on its joint rows,
-/// which are the same for every load: a payload moves the mass centre of the outer bar, where the other rows
-/// act.
-template <class M>
-[[nodiscard]] typename M::Channels forces_of(const M& m, const typename M::Pose& pose,
-                                             const typename M::Channels& v) {
-  typename M::Channels w = m.force(v, M::Rates::Zero());
-  if constexpr (!M::has_type2) {
-    const Vec2<double> torque = m.base_torque(pose, w);
-    w << torque, Vec<double, M::channels - 2>::Zero();
-  }
-  return w;
-}
-
 }  // namespace esmc::host::plan

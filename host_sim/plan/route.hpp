@@ -73,22 +73,24 @@ class Route {
   [[nodiscard]] const std::vector<Vec2<double>>& from_base() const { return from_base_; }
 
   /// The place at parameter t of a piece; empty: there is no such pose.
-  [[nodiscard]] std::optional<Place<M>> place(const Piece& piece, double t) const {
+  [[nodiscard, gnu::flatten]] std::optional<Place<M>> place(const Piece& piece, double t) const {
     const auto& c = p_.controller;
-    const CurvePoint at = piece.point(t);
-    Place<M> out;
+    std::optional<Place<M>> out(std::in_place);
+    const CurvePoint at = piece.point(t, false);
+    Desired<M>& d = out->at;
     const bool joint = piece.kind == Piece::Kind::joint;
-    const auto d = joint ? desired_at_base(c.mechanism, c.mode, at.p, at.d1, at.d2)
-                         : desired_at_effector(c.mechanism, c.mode, at.p, at.d1, at.d2);
-    if (!d) return std::nullopt;
-    out.at = *d;
-    out.tip = at;
-    if (joint) {
-      out.tip = {
-          d->pose.effector, c.mechanism.tip_rate(d->pose, d->rates), tip_acceleration(c.mechanism, *d), {}};
+    if (!(joint ? desired_at_base(c.mechanism, c.mode, at.p, at.d1, at.d2, d.pose, d.rates, d.acceleration)
+                : desired_at_effector(c.mechanism, c.mode, at.p, at.d1, at.d2, d.pose, d.rates,
+                                      d.acceleration))) {
+      out.reset();
+      return out;
     }
-    out.base1 = M::base(d->rates);
-    out.base2 = M::base(d->acceleration);
+    out->tip = at;
+    if (joint)
+      out->tip = {
+          d.pose.effector, c.mechanism.tip_rate(d.pose, d.rates), tip_acceleration(c.mechanism, d), {}};
+    out->base1 = M::base(d.rates);
+    out->base2 = M::base(d.acceleration);
     return out;
   }
   /// The place at parameter s of a stretch.
@@ -100,7 +102,7 @@ class Route {
   [[nodiscard]] CurvePoint tip(const Stretch& stretch, double s) const {
     const Piece& piece = piece_at(stretch, s);
     const double t = piece.begin + std::clamp(s - piece.at, 0.0, piece.length());
-    return piece.kind == Piece::Kind::joint ? place(piece, t)->tip : piece.point(t);
+    return piece.kind == Piece::Kind::joint ? place(piece, t)->tip : piece.point(t, false);
   }
   [[nodiscard]] static const Piece& piece_at(const Stretch& stretch, double s) {
     const auto next = std::upper_bound(stretch.pieces.begin() + 1, stretch.pieces.end(), s,

@@ -15,7 +15,7 @@ namespace esmc::host::plan {
 constexpr std::size_t least_cells = 2;
 constexpr double first_share = 0.15, least_intervals = 12.0, speed_error = 60.0, time_error = 5.0,
                  quarter = 4.0;
-constexpr int refinements = 3;
+constexpr int refinements = 2;
 
 /// A point of the grid, or the middle between two. Without a place its rows come from its neighbours.
 template <class M>
@@ -218,7 +218,7 @@ class Spots {
         for (std::size_t k = 0; k < 4; ++k) v += weight[k] * (spot_[first + 2 * k].rows[r].*of);
         return v;
       };
-      out[r] = {sum(&Row::a), sum(&Row::b), sum(&Row::d), sum(&Row::c), out[r].kind};
+      out[r] = {sum(&Row::a), sum(&Row::b), sum(&Row::d), sum(&Row::low), sum(&Row::high), out[r].kind};
     }
     return true;
   }

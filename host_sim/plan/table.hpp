@@ -14,6 +14,7 @@ namespace esmc::host::plan {
 struct TimedPiece {
   double begin = 0.0;
   Quintic<double> curve;
+  bool joins = false;  ///< begins with the motion with which the one before ends
 };
 
 /// Motion at a time: acceleration before it and after it.
@@ -31,6 +32,7 @@ template <class K, class F>
     double t;
     Knot at{};
     Motion2<double> middle;  // halfway to the next
+    bool jumps = false;      // acceleration, there
   };
   constexpr double share = 2e-3, near = 1e-6;  // of acceleration; m
   std::vector<Node> nodes;
@@ -51,7 +53,12 @@ template <class K, class F>
   std::vector<std::pair<std::size_t, std::size_t>> open;
   std::size_t end = nodes.size() - 1;
   for (std::size_t k = end; k-- > 0;) {  // a jump of acceleration is between two quintics
-    if (k > 0 && !(error(nodes[k].at.before, nodes[k].at.after) > 1.0)) continue;
+    Knot& at = nodes[k].at;
+    if (k > 0 && !(error(at.before, at.after) > 1.0)) {
+      at.before.acceleration = at.after.acceleration = 0.5 * (at.before.acceleration + at.after.acceleration);
+      continue;
+    }
+    nodes[k].jumps = true;
     open.emplace_back(k, std::exchange(end, k));
   }
   while (!open.empty()) {
@@ -70,7 +77,7 @@ template <class K, class F>
       }
     }
     if (split == i || j - i < 2) {
-      out.push_back({begin, q});
+      out.push_back({begin, q, !nodes[i].jumps});
     } else {
       open.emplace_back(split, j);
       open.emplace_back(i, split);

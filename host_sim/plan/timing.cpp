@@ -2,59 +2,59 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace esmc::host::plan {
 namespace {
 
-/// u <= offset + slope x, or u >= it.
+/// low <= u - slope x <= high.
 struct Bound {
-  double offset = 0.0, slope = 0.0, weight = 0.0;  // weight: |a| of its row
-  [[nodiscard]] double at(double x) const { return offset + slope * x; }
-  [[nodiscard]] double size(double x) const { return std::abs(offset) + std::abs(slope) * x; }
+  double slope = 0.0, low = -unlimited, high = unlimited, weight = 0.0;  // weight: |a| of its row
 };
 
 /// The u that a point and the next one allow, for every x of the point.
 class Step {
  public:
-  /// Bounds are written from both ends of [first, last), which has room for all of them.
-  void clear(Bound* first, Bound* last, double high) {
-    upper_ = upper_end_ = first;
-    lower_ = lower_end_ = last;
+  /// Bounds are written from `first`, which has room for all of them.
+  void clear(Bound* first, double high) {
+    first_ = end_ = first;
     low_ = 0.0;
     high_ = high;
-    least_ = -1e300;
-    most_ = 1e300;
-    next_ = {-1e300, 0.0, 0.0};
+    least_ = -unlimited;
+    most_ = unlimited;
+    next_ = {};
   }
-  /// a u + b x <= c.
-  void add(double a, double b, double c) {
+  /// low <= a u + b x <= high.
+  void add(double a, double b, double low, double high) {
+    if (a < 0.0 || (a == 0.0 && b < 0.0)) {
+      a = -a;
+      b = -b;
+      low = -std::exchange(high, -low);
+    }
     if (a > 0.0) {
       const double r = 1.0 / a;
-      *upper_end_++ = {c * r, -b * r, a};
-      most_ = std::min(most_, c * r);
-    } else if (a < 0.0) {
-      const double r = 1.0 / a;
-      *--lower_ = {c * r, -b * r, -a};
-      least_ = std::max(least_, c * r);
+      *end_ = {-b * r, low * r, high * r, a};
+      most_ = std::min(most_, end_->high);
+      least_ = std::max(least_, end_->low);
+      ++end_;
     } else if (b > 0.0) {
-      high_ = std::min(high_, c / b);
-    } else if (b < 0.0) {
-      low_ = std::max(low_, c / b);
-    } else if (!(c >= 0.0)) {
+      high_ = std::min(high_, high / b);
+      low_ = std::max(low_, low / b);
+    } else if (!(low <= 0.0 && high >= 0.0)) {
       high_ = -1.0;
     }
   }
-  /// x + w u >= next, in the place of the last of its kind.
-  void set_next(double w, double next) { next_ = {next / w, -1.0 / w, w}; }
+  /// low <= x + w u <= high, in the place of the last of its kind.
+  void set_next(double w, double low, double high) { next_ = {-1.0 / w, low / w, high / w, w}; }
   /// Whether at x = 0 some u is left.
   [[nodiscard]] bool from_rest() const {
-    return low_ == 0.0 && high_ >= 0.0 && std::max(least_, next_.offset) <= most_;
+    return low_ == 0.0 && high_ >= 0.0 && std::max(least_, next_.low) <= std::min(most_, next_.high);
   }
   /// The largest u at x. Where rounding leaves none, that which exceeds the rows on both sides alike.
   [[nodiscard]] double most(double x) const {
-    const Bound high = upper(x), low = lower(x);
-    if (low.at(x) <= high.at(x)) return high.at(x);
-    return (high.weight * high.at(x) + low.weight * low.at(x)) / (high.weight + low.weight);
+    const Ends e = ends(x);
+    if (e.low <= e.high) return e.high;
+    return (e.most->weight * e.high + e.least->weight * e.low) / (e.most->weight + e.least->weight);
   }
   /// The largest (or smallest) x for which some u is left; negative: none. `guess`: of the largest, or 0.
   [[nodiscard]] double end(bool largest, double guess = 0.0) const {
@@ -62,10 +62,11 @@ class Step {
     bool guessed = guess > low_ && guess < high_;
     if (guessed) x = guess;
     for (int pass = 0; pass < 100 && x >= low_ && x <= high_; ++pass) {
-      const Bound& most = upper(x);
-      const Bound& least = lower(x);
-      const double gap = least.at(x) - most.at(x), slope = least.slope - most.slope;
-      if (gap <= 1e-13 * (least.size(x) + most.size(x))) {
+      const Ends e = ends(x);
+      const double gap = e.low - e.high, slope = e.least->slope - e.most->slope,
+                   size = std::abs(e.least->low) + std::abs(e.most->high) +
+                          (std::abs(e.least->slope) + std::abs(e.most->slope)) * x;
+      if (gap <= 1e-13 * size) {
         if (!guessed) return x;
         // The gap is convex in x: from a guess within, the zero of the tangent is not before the end.
         x = slope > 0.0 ? std::min(high_, x - gap / slope) : high_;
@@ -81,24 +82,27 @@ class Step {
   }
 
  private:
-  [[nodiscard]] const Bound& upper(double x) const {
-    const Bound* best = &none_;
-    double least = 1e300;
-    for (const Bound* b = upper_; b != upper_end_; ++b) {
-      if (b->at(x) < least) least = (best = b)->at(x);
+  /// The range of u at x, and what bounds it.
+  struct Ends {
+    const Bound *least, *most;
+    double low, high;
+  };
+  [[nodiscard]] Ends ends(double x) const {
+    Ends out{&next_, &next_, next_.low + next_.slope * x, next_.high + next_.slope * x};
+    for (const Bound* b = first_; b != end_; ++b) {
+      const double bend = b->slope * x, low = b->low + bend, high = b->high + bend;
+      if (high < out.high) {
+        out.high = high;
+        out.most = b;
+      }
+      if (low > out.low) {
+        out.low = low;
+        out.least = b;
+      }
     }
-    return *best;
+    return out;
   }
-  [[nodiscard]] const Bound& lower(double x) const {
-    const Bound* best = &next_;
-    double most = next_.at(x);
-    for (const Bound* b = lower_; b != lower_end_; ++b) {
-      if (b->at(x) > most) most = (best = b)->at(x);
-    }
-    return *best;
-  }
-  static constexpr Bound none_{1e300, 0.0, 0.0};
-  Bound *upper_ = nullptr, *upper_end_ = nullptr, *lower_ = nullptr, *lower_end_ = nullptr;
+  Bound *first_ = nullptr, *end_ = nullptr;
   Bound next_;
   double low_ = 0.0, high_ = 0.0, least_ = 0.0, most_ = 0.0;  // of x; of u at x = 0
 };
@@ -117,7 +121,8 @@ std::vector<Row> straightened(const Grid& grid, const std::vector<double>& about
       Row& r = out[k];
       if (r.d != 0.0 && root > 0.0) {
         r.b += r.d / (2.0 * root);
-        r.c -= r.d * root / 2.0;
+        r.low -= r.d * root / 2.0;
+        r.high -= r.d * root / 2.0;
       }
       r.d = 0.0;
     }
@@ -157,13 +162,15 @@ std::vector<Beyond> beyond(const std::vector<double>& s, const Squares& of) {
 
 /// The least and the largest u that the rows of a place allow at x.
 std::array<double, 2> range_at(const Grid& grid, std::size_t place, double x) {
-  std::array<double, 2> out{-1e300, 1e300};
+  std::array<double, 2> out{-unlimited, unlimited};
   const double root = std::sqrt(x);
   for (std::size_t k = grid.first[place]; k < grid.first[place + 1]; ++k) {
     const Row& r = grid.rows[k];
     if (r.a == 0.0) continue;
-    const double u = (r.c - r.b * x - r.d * root) / r.a;
-    out[r.a > 0.0 ? 1 : 0] = r.a > 0.0 ? std::min(out[1], u) : std::max(out[0], u);
+    const double inverse = 1.0 / r.a, rest = r.b * x + r.d * root, low = (r.low - rest) * inverse,
+                 high = (r.high - rest) * inverse;
+    out[0] = std::max(out[0], r.a > 0.0 ? low : high);
+    out[1] = std::min(out[1], r.a > 0.0 ? high : low);
   }
   return out;
 }
@@ -173,16 +180,20 @@ std::array<double, 2> range_at(const Grid& grid, std::size_t place, double x) {
 std::vector<double> slopes(const Grid& grid, const std::vector<double>& x) {
   const std::vector<double>& s = grid.s;
   const std::size_t cells = s.size() - 1;
-  const auto u = [&](std::size_t i) { return (x[i + 1] - x[i]) / (2.0 * (s[i + 1] - s[i])); };
-  const auto right = [&](std::size_t i) { return (u(i + 1) - u(i)) / (0.5 * (s[i + 2] - s[i])); };
+  const auto mean = [&](std::size_t i) { return (x[i + 1] - x[i]) / (2.0 * (s[i + 1] - s[i])); };
   std::vector<double> out(cells, 0.0);
   std::array<double, 2> here = range_at(grid, 0, x[0]);
+  double u = mean(0), after = 0.0;
   for (std::size_t i = 0; cells > 1 && i < cells; ++i) {
-    const double before = right(i > 0 ? i - 1 : 0), after = right(i + 1 < cells ? i : cells - 2);
-    if (before * after > 0.0) out[i] = std::abs(before) < std::abs(after) ? before : after;
+    const double before = after, now = u;
+    if (i + 1 < cells) {
+      u = mean(i + 1);
+      after = (u - now) / (0.5 * (s[i + 2] - s[i]));
+    }
+    if (i == 0 || before * after > 0.0) out[i] = i > 0 && std::abs(before) < std::abs(after) ? before : after;
     const std::array<double, 2> next = range_at(grid, 2 * i + 2, x[i + 1]);
     for (std::size_t k = 0; k < 2; ++k) {
-      const double off = std::abs(u(i) - 0.5 * (here[k] + next[k])),
+      const double off = std::abs(now - 0.5 * (here[k] + next[k])),
                    width = std::min(here[1] - here[0], next[1] - next[0]);
       if (off < near_limit * width) out[i] = (next[k] - here[k]) / (s[i + 1] - s[i]);
     }
@@ -205,16 +216,15 @@ class Pass {
   std::optional<std::vector<double>> run(const std::vector<Row>& rows, const std::vector<Beyond>& beyond,
                                          std::size_t& blocked) {
     const std::size_t n = grid_.s.size() - 1;
-    Bound* last = bounds_.data() + bounds_.size();
+    Bound* room = bounds_.data();
     for (std::size_t i = n; i-- > 0;) {
-      step_[i].clear(last - rows_of(i), last, any_square);
-      last -= rows_of(i);
+      step_[i].clear(std::exchange(room, room + rows_of(i)), any_square);
       set(i, rows, beyond.empty() ? Beyond{} : beyond[i]);
       const double guess =
           high_[i] > 0.0 ? high_[i] : high_[i + 1];  // of the run before, or of the neighbour
       // From the fastest speed of all the next one may have to be 0: a little less leaves a way to go on.
       for (const double keep : {i + 1 < n && i > 0 ? 0.05 : 0.0, 0.0}) {
-        step_[i].set_next(2.0 * width(i), std::max(low_[i + 1], keep * high_[i + 1]));
+        step_[i].set_next(2.0 * width(i), std::max(low_[i + 1], keep * high_[i + 1]), high_[i + 1]);
         high_[i] = step_[i].end(true, guess);
         low_[i] = !(high_[i] >= 0.0) ? -1.0 : step_[i].from_rest() ? 0.0 : step_[i].end(false);
         if (low_[i] == 0.0) break;
@@ -228,7 +238,7 @@ class Pass {
     blocked = 0;
     if (low_[0] > 0.0) return std::nullopt;
     for (std::size_t i = 0; i < n; ++i) {
-      step_[i].set_next(2.0 * width(i), low_[i + 1]);
+      step_[i].set_next(2.0 * width(i), low_[i + 1], high_[i + 1]);
       const double u = step_[i].most(x[i]);
       x[i + 1] = std::clamp(x[i] + 2.0 * width(i) * u, low_[i + 1], std::max(low_[i + 1], high_[i + 1]));
       blocked = i + 1;
@@ -239,22 +249,25 @@ class Pass {
 
  private:
   [[nodiscard]] double width(std::size_t i) const { return grid_.s[i + 1] - grid_.s[i]; }
-  /// Of an interval: those of its ends and its middle, and that of the next point.
+  /// Of an interval: those of its ends and its middle.
   [[nodiscard]] std::size_t rows_of(std::size_t i) const {
-    return grid_.first[2 * i + 3] - grid_.first[2 * i] + 1;
+    return grid_.first[2 * i + 3] - grid_.first[2 * i];
   }
   /// The rows between points i and i + 1.
   void set(std::size_t i, const std::vector<Row>& rows, const Beyond& more) {
     const double w = 2.0 * width(i);
     Step& step = step_[i];
-    for (std::size_t k = grid_.first[2 * i]; k < grid_.first[2 * i + 1]; ++k)
-      step.add(rows[k].a, rows[k].b, rows[k].c - rows[k].a * more.begin);
-    for (std::size_t k = grid_.first[2 * i + 1]; k < grid_.first[2 * i + 2]; ++k)
-      step.add(rows[k].a + 0.5 * w * rows[k].b, rows[k].b,
-               rows[k].c - rows[k].a * more.middle - rows[k].b * more.square);
-    for (std::size_t k = grid_.first[2 * i + 2]; k < grid_.first[2 * i + 3]; ++k)
-      step.add(rows[k].a + w * rows[k].b, rows[k].b, rows[k].c - rows[k].a * more.end);
-    step.add(w, 1.0, high_[i + 1]);
+    const auto add = [&](std::size_t place, double ahead, double u, double x) {
+      for (std::size_t k = grid_.first[place]; k < grid_.first[place + 1]; ++k) {
+        const Row& r = rows[k];
+        if (place == 2 * i + 2 && r.a == 0.0) continue;  // of the next point, and met by its speeds
+        const double off = r.a * u + r.b * x;
+        step.add(r.a + ahead * r.b, r.b, r.low - off, r.high - off);
+      }
+    };
+    add(2 * i, 0.0, more.begin, 0.0);
+    add(2 * i + 1, 0.5 * w, more.middle, more.square);
+    add(2 * i + 2, w, more.end, 0.0);
   }
 
   const Grid& grid_;
@@ -279,11 +292,12 @@ std::vector<double> speed_limits(const Grid& grid) {
     std::vector<Bound> bounds(grid.first[i + 1] - grid.first[i]);
     double x = 0.0;
     for (int pass = 0; pass < 4; ++pass) {  // the tangent of sqrt(x) at the limit before
-      step.clear(bounds.data(), bounds.data() + bounds.size(), any_square);
+      step.clear(bounds.data(), any_square);
       const double root = std::sqrt(std::max(x, 0.0));
       for (std::size_t k = grid.first[i]; k < grid.first[i + 1]; ++k) {
         const Row& r = grid.rows[k];
-        step.add(r.a, root > 0.0 ? r.b + r.d / (2.0 * root) : r.b, r.c - 0.5 * r.d * root);
+        const double off = 0.5 * r.d * root;
+        step.add(r.a, root > 0.0 ? r.b + r.d / (2.0 * root) : r.b, r.low - off, r.high - off);
       }
       x = step.end(true);
     }

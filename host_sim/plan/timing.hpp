@@ -2,11 +2,11 @@
 /// Timing along a path: the largest speed at every point that all limits allow, from rest to rest.
 ///
 /// With x the square of the path's speed and u its acceleration, dx/ds = 2 u, and a limit is a row
-/// a u + b x + d sqrt(x) <= c. On a grid u is constant between points. Backwards from the end the speeds are
-/// found from which the end can still be reached (a linear program of two variables per point), forwards the
-/// largest u that stays among them: no switch point is searched for, and zero inertia (a = 0) is a row like
-/// any other. Both ends and the middle of an interval meet their rows, with the slope of u that the solution
-/// before had: the error falls with the square of the grid.
+/// low <= a u + b x + d sqrt(x) <= high. On a grid u is constant between points. Backwards from the end the
+/// speeds are found from which the end can still be reached (a linear program of two variables per point),
+/// forwards the largest u that stays among them: no switch point is searched for, and zero inertia (a = 0) is
+/// a row like any other. Both ends and the middle of an interval meet their rows, with the slope of u that
+/// the solution before had: the error falls with the square of the grid.
 
 #include <array>
 #include <cstddef>
@@ -36,9 +36,11 @@ struct Use {
 inline constexpr auto kinds = static_cast<std::size_t>(LimitKind::count);
 using Uses = std::array<std::array<Use, 4>, kinds>;
 
-/// a u + b x + d sqrt(x) <= c.
+inline constexpr double unlimited = 1e300;
+
+/// low <= a u + b x + d sqrt(x) <= high.
 struct Row {
-  double a = 0.0, b = 0.0, d = 0.0, c = 1.0;
+  double a = 0.0, b = 0.0, d = 0.0, low = -unlimited, high = unlimited;
   LimitKind kind = LimitKind::torque;
 };
 

@@ -121,9 +121,9 @@ double share_of_ticks(const Problem<M>& p, const host::plan::Plan& plan) {
                                        m.acceleration);
     if (!d) return 1e9;
     if (m.velocity.norm() == 0.0) continue;  // dry friction has no direction
-    const auto [rest, push] = motors.split(p.controller.mechanism, *d);
+    const auto [rest, drag, push] = motors.split(motors.models().back(), *d, motors.scale(d->pose));
     for (std::size_t i = 0; i < static_cast<std::size_t>(motors.count()); ++i)
-      most = std::max(most, std::abs(rest[i] + push[i]));
+      most = std::max(most, std::abs(rest[i] + drag[i] + push[i]));
   }
   return most;
 }

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "host_sim/plan/inertia.hpp"
 #include "host_sim/plan/piece.hpp"
 #include "tests/support/program_problem.hpp"
 #include "tests/support/sampled_loop.hpp"
@@ -112,6 +113,37 @@ double by_dynamic_programming(const Vec2<double>& from, const Vec2<double>& to, 
     cost = next;
   }
   return cost[0];
+}
+
+/// Forces of the closed form against those of the algorithm by way of all channels, at one motion of the
+/// effector.
+template <class M>
+void compare_inertia(M m, const typename M::Mode& mode, const Vec2<double>& x) {
+  Desired<M> d;
+  ASSERT_TRUE(desired_at_effector(m, mode, x, Vec2<double>(0.7, -0.4), Vec2<double>(-3.0, 8.0), d.pose,
+                                  d.rates, d.acceleration));
+  auto a = m.channel_accelerations(d.pose, d.rates, d.acceleration);
+  m.add_rotors(a);
+  const auto w = m.force(a, M::Rates::Zero());
+  const host::plan::Inertia<M> closed(m);
+  const auto still = closed.weight(d.pose), push = closed.push(d.pose, d.rates, d.acceleration);
+  if constexpr (M::joints == 4) {
+    const auto torque = m.leg_torques(d.pose, w);
+    EXPECT_LT((w.template head<2>() - still.effector - push.effector).norm(), 1e-13);
+    for (int j = 0; j < 2; ++j) EXPECT_LT((torque[j] - still.leg[j] - push.leg[j]).norm(), 1e-13);
+  } else {
+    EXPECT_LT((m.base_torque(d.pose, w) - still.leg[0] - push.leg[0]).norm(), 1e-13);
+  }
+}
+
+TEST(Plan, ItsClosedFormTakesTheForcesOfTheAlgorithm) {
+  auto five = five_bar_example();
+  five.legs[0].rotor2 = 3e-4;
+  five.legs[1].m1 = 0.17;
+  compare_inertia(FiveBar<double>(five), {{{1, 1}}, -1}, {0.03, 0.17});
+  auto arm = rr_example();
+  arm.arm.rotor2 = 2e-3;
+  compare_inertia(Rr<double>(arm), {1}, {0.3, 0.2});
 }
 
 TEST(Plan, TimesOfTorqueLimitedLinesAgreeWithDynamicProgramming) {
