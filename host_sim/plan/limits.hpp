@@ -64,13 +64,19 @@ class MotorLimits {
     Scale out;
     if constexpr (M::joints == 4) {
       if (four_) {
-        const FourMotors<double> four = four_motors(c.mechanism, pose, Channels::Zero().eval());
         out.by_base = M::abs_sin_type2(pose) >= M::min_abs_sin_type1(pose);
+        Mat<double, 2, 4> row;  // of the joints by the independent coordinates, as four_motors() has them
+        for (int k = 0; k < 2; ++k) {
+          const Vec2<double> unit = Vec2<double>::Unit(k);
+          const auto r =
+              out.by_base ? c.mechanism.base_rates(pose, unit) : c.mechanism.chain_rates(pose, unit);
+          row.row(k) << r.leg[0].transpose(), r.leg[1].transpose();
+        }
         for (int i = 0; i < 4; ++i) {
-          const Vec2<double> side = four.rows.row(i).transpose();
+          const Vec2<double> side = row.col(i);
           double width = 0.0;
           for (int j = 0; j < 4; ++j)
-            width += c.torque_limit[j] * std::abs(cross(Vec2<double>(four.rows.row(j).transpose()), side));
+            width += c.torque_limit[j] * std::abs(cross(Vec2<double>(row.col(j)), side));
           out.of[static_cast<std::size_t>(i)] = width > 0.0 ? -perp(side) / width : Vec2<double>(0, 0);
         }
         return out;
@@ -97,7 +103,8 @@ class MotorLimits {
   struct Split {
     Loads rest{}, drag{}, push{};
   };
-  [[nodiscard]] Split split(const Inertia<M>& m, const Desired<M>& d, const Scale& scale) const {
+  [[nodiscard, gnu::noinline, gnu::flatten]] Split split(const Inertia<M>& m, const Desired<M>& d,
+                                                         const Scale& scale) const {
     Forces rest = m.weight(d.pose);
     Split out;
     if (rubs_) {

@@ -32,9 +32,11 @@ class Measurement {
   void begin(const Stretch& stretch) {
     stretch_ = &stretch;
     guard_.begin();
-    limits_moves_ = false;
-    for (std::size_t i = stretch.first; i <= stretch.last; ++i)
+    limits_moves_ = joint_moves_ = false;
+    for (std::size_t i = stretch.first; i <= stretch.last; ++i) {
       limits_moves_ = limits_moves_ || p_.moves[i].speed || p_.moves[i].acceleration;
+      joint_moves_ = joint_moves_ || p_.moves[i].kind == MoveKind::joint;
+    }
     slots_.clear();
     for (std::size_t k = 0; k < motors_.models().size(); ++k) {
       for (std::size_t i = 0; i < static_cast<std::size_t>(motors_.count()); ++i)
@@ -83,15 +85,15 @@ class Measurement {
         value[n] = shares_[n * slots_.size() + k].at(1.0 / factor);
       const auto note = [&](double share, std::size_t from, std::size_t to) {
         use.share = std::max(use.share, share);
-        if (share > limit) excess_.push_back({looks_[from].t, looks_[to].t, kind, share});
+        if (share > limit) excess_.push_back({looks_[from], looks_[to], kind, share});
         if (share <= most * limit) return;
         most = share / limit;
-        where_ = 0.5 * (looks_[from].t + looks_[to].t);
+        where_ = 0.5 * (looks_[from] + looks_[to]);
       };
       for (const Triple& three : triples_) {
         const double a = value[three.first], b = value[three.first + 1], c = value[three.first + 2];
         const double share = peak(a, b, c),
-                     sixth = factor * (looks_[three.first + 2].t - looks_[three.first].t) / 6.0;
+                     sixth = factor * (looks_[three.first + 2] - looks_[three.first]) / 6.0;
         if (share > active)
           for (const double v : {a, b, b, b, b, c}) use.active += v > active ? sixth : 0.0;
         note(share, three.first, three.first + 2);
@@ -106,7 +108,7 @@ class Measurement {
       piece.begin *= factor;
       piece.curve.duration *= factor;
     }
-    for (Look& look : looks_) look.t *= factor;
+    for (double& t : looks_) t *= factor;
     for (Share& share : shares_) {
       share.drag /= factor;
       share.push /= factor * factor;
@@ -121,12 +123,13 @@ class Measurement {
     for (const Triple& three : triples_) {
       if (!three.motors_near && !three.moves_near) continue;
       const TimedPiece& piece = table_[three.piece];
-      const double from = looks_[three.first].t, to = looks_[three.first + 2].t;
+      const double from = looks_[three.first], to = looks_[three.first + 2];
       auto n = static_cast<std::uint64_t>(std::ceil((begin + from) / p_.tick - 1e-9));
       for (;; ++n) {
         const double t = static_cast<double>(n) * p_.tick - begin;
         if (!(t < to)) break;
-        look(t, piece.curve.at(std::max(t - piece.begin, 1e-6 * piece.curve.duration)), three.motors_near);
+        look(t, piece.curve.at(std::max(t - piece.begin, 1e-6 * piece.curve.duration)),
+             three.motors_near || joint_moves_);
       }
     }
     return judge(1.0);
@@ -143,7 +146,7 @@ class Measurement {
   /// Whether judge() is exact: no reserve falls otherwise.
   [[nodiscard]] bool scales() const { return !p_.uncertain; }
 
-  [[nodiscard, gnu::flatten]] bool desired(const Motion2<double>& m, Desired<M>& d) const {
+  [[nodiscard, gnu::noinline, gnu::flatten]] bool desired(const Motion2<double>& m, Desired<M>& d) const {
     return desired_at_effector(p_.controller.mechanism, p_.controller.mode, m.position, m.velocity,
                                m.acceleration, d.pose, d.rates, d.acceleration);
   }
@@ -161,14 +164,10 @@ class Measurement {
     LimitKind kind;
     std::size_t i;
   };
-  struct Look {
-    double t;                      // s
-    bool motors_near, moves_near;  // a share is large: of motors and joints, of a move's own limits
-  };
   /// Three looks in a row on one quintic, at equal distances.
   struct Triple {
     std::size_t first, piece;
-    bool motors_near, moves_near;
+    bool motors_near = false, moves_near = false;  // a limit: of motors and joints, of a move itself
   };
 
   /// The largest value of the parabola through three values at equal distances, between them.
@@ -191,7 +190,7 @@ class Measurement {
         });
   }
   void look_along(const TimedPiece& piece) {
-    constexpr double farthest = 4.0, most = 10000.0;  // ticks; looks
+    constexpr double farthest = 4.0, calm = 0.75, most = 10000.0;  // ticks; share; looks
     const double length = piece.curve.duration,
                  step = std::max(farthest * p_.tick, timing_->duration() / most);
     const auto n = 2 * static_cast<std::size_t>(std::ceil(0.5 * length / step));
@@ -201,15 +200,21 @@ class Measurement {
       const double t = length * std::clamp(static_cast<double>(i) / static_cast<double>(n), 1e-6, 1.0 - 1e-6);
       look(piece.begin + t, piece.curve.at(t), true);
       if (i % 2 == 1 || i == 0) continue;
-      const Look &a = looks_[first + i - 2], &b = looks_[first + i - 1], &c = looks_[first + i];
-      triples_.push_back({first + i - 2, static_cast<std::size_t>(&piece - table_.data()),
-                          a.motors_near || b.motors_near || c.motors_near,
-                          a.moves_near || b.moves_near || c.moves_near});
+      Triple& three =
+          triples_.emplace_back(Triple{first + i - 2, static_cast<std::size_t>(&piece - table_.data())});
+      const Share* const at = &shares_[three.first * slots_.size()];
+      for (std::size_t k = 0; k < slots_.size(); ++k) {
+        const Share &a = at[k], &b = at[k + slots_.size()], &c = at[k + 2 * slots_.size()];
+        const double bend = std::abs(a.push - 2.0 * b.push + c.push);  // where it is large, more is between
+        if (!(std::max({a.at(1.0), b.at(1.0), c.at(1.0)}) + 0.25 * bend > calm)) continue;
+        (k < moves_slot() ? three.motors_near : three.moves_near) = true;
+      }
     }
   }
+  /// The first slot of limits that moves have themselves.
+  [[nodiscard]] std::size_t moves_slot() const { return slots_.size() - (limits_moves_ ? 2 : 0); }
   /// Measures the motion m of time t; without `motors` only what the moves themselves limit.
   void look(double t, const Motion2<double>& m, bool motors) {
-    constexpr double calm = 0.75;  // share
     const auto piece = [&]() -> const Piece& { return Route<M>::piece_at(*stretch_, timing_->at(t).s); };
     const std::size_t begin = shares_.size();
     shares_.resize(begin + slots_.size());
@@ -234,25 +239,18 @@ class Measurement {
       for (int i = 0; i < 2; ++i)
         (to++)->drag = std::abs(rate[i]) / (speed_reserve * p_.controller.limits.joint_speed);
     }
-    const auto near = [&](const Share* share, const Share* end) {
-      return std::any_of(share, end, [](const Share& s) { return s.at(1.0) > calm; });
-    };
-    Share* const own = &shares_[begin] + slots_.size() - (limits_moves_ ? 2 : 0);
-    looks_.push_back({t, near(&shares_[begin], own), false});
+    looks_.push_back(t);
     if (!limits_moves_) return;
+    Share* const own = &shares_[begin + moves_slot()];
     const Piece& on = piece();
-    bool joints = false;
     for (std::size_t k = on.move; k <= on.next; ++k) {
       const MoveScene& move = p_.moves[k];
       const bool joint = move.kind == MoveKind::joint;
-      joints = joints || joint;
       const double v = joint ? rate.cwiseAbs().maxCoeff() : m.velocity.norm(),
                    a = joint ? acceleration.cwiseAbs().maxCoeff() : m.acceleration.norm();
       if (move.speed) own[0].drag = std::max(own[0].drag, v / *move.speed);
       if (move.acceleration) own[1].push = std::max(own[1].push, a / *move.acceleration);
     }
-    looks_.back().moves_near = near(own, own + 2);
-    if (joints && looks_.back().moves_near) looks_.back().motors_near = true;  // rates of joints are needed
   }
 
   const Problem<M>& p_;
@@ -261,10 +259,11 @@ class Measurement {
   WayGuard<M>& guard_;
   const Stretch* stretch_ = nullptr;
   const Timing* timing_ = nullptr;
-  bool limits_moves_ = false;  // a move of the stretch limits speed or acceleration
+  bool limits_moves_ = false,
+       joint_moves_ = false;  // a move of the stretch limits speed or acceleration; in joints
   std::vector<TimedPiece> table_;
-  std::vector<Slot> slots_;  // of the shares of every look
-  std::vector<Look> looks_;
+  std::vector<Slot> slots_;    // of the shares of every look
+  std::vector<double> looks_;  // s
   std::vector<Share> shares_;  // look by look
   std::vector<Triple> triples_;
   std::size_t between_ = 0;  // looks that are not ticks

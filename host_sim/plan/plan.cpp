@@ -88,8 +88,8 @@ class Planner {
   /// Guards of the controller along the stretch.
   void check_way() {
     for (std::size_t i = 0; i < spots_.size(); ++i) {
-      if (!spots_[i].at) continue;
-      const typename M::Pose& pose = spots_[i].at->at.pose;
+      if (!spots_.at(i)) continue;
+      const typename M::Pose& pose = spots_.at(i)->at.pose;
       try {
         guard_.check(pose, [&] { return spots_[i].piece->move; });
       } catch (const Refused&) {
@@ -119,12 +119,12 @@ class Planner {
     std::size_t blocked = 0;
     auto x = fastest(grid_, start, blocked, rough);
     if (x) return *x;
-    const Spot<M>& at = spots_[std::min(2 * blocked, spots_.size() - 1)];
-    refuse(at.piece->move, "to",
+    const std::size_t at = std::min(2 * blocked, spots_.size() - 1);
+    refuse(spots_[at].piece->move, "to",
            fmt::format("no speed passes {}: the motors' torque within its limits, less what [uncertainty] "
                        "needs, does not "
                        "keep the mechanism on the way there",
-                       place_text(at.at->tip.p)));
+                       place_text(spots_.at(at)->tip.p)));
   }
 
   /// Without a motion to begin with; between the points of a coarse grid limits may leave no speed, then of a
@@ -147,7 +147,7 @@ class Planner {
       Reserve less{};
       for (const std::size_t k : {(i - 1) / 2, i / 2}) {  // intervals before and after the place
         if (i == 0 || k + 1 == x.size()) continue;
-        add_reserve(spots_[i].at->tip, 0.5 * (x[i / 2] + x[(i + 1) / 2]),
+        add_reserve(spots_.at(i)->tip, 0.5 * (x[i / 2] + x[(i + 1) / 2]),
                     (x[k + 1] - x[k]) / (2.0 * (grid_.s[k + 1] - grid_.s[k])), less);
         if (i % 2 == 1) break;
       }
@@ -193,7 +193,8 @@ class Planner {
     }
     spots_.set_rows();
     x = solve(x);
-    std::vector<Shares> most(spots_.size(), all);  // share of each limit that may be used, spot by spot
+    std::vector<Shares> most;  // share of each limit that may be used, spot by spot; empty: all
+    if (p_.uncertain) most.assign(spots_.size(), all);
     Timing timing;
     double share = 0.0;
     constexpr int passes = 12;
@@ -219,6 +220,7 @@ class Planner {
       if (share <= near && motors_.rubs() && !p_.uncertain)
         share = std::max(share, measured_.take_ticks(now_));
       if (share <= near) break;
+      if (most.empty()) most.assign(spots_.size(), all);
       lower(most);
     }
     slow_down(timing, share);
@@ -230,7 +232,8 @@ class Planner {
       if (share <= 1.0) share = measured_.take_ticks(now_);
       if (share <= 1.0) break;
       double factor = 1.0, last_share = 0.0, last_square = 0.0;  // and 1 / factor^2 of the last one
-      const double most = 1.0 - (pass + 1) * spare(share);       // longer, the ticks fall elsewhere
+      // Longer, the ticks fall elsewhere: again and again more is left.
+      const double most = 1.0 - std::min(1e-3, std::ldexp(spare(share), pass));
       while (share > most && factor < 10.0) {
         const double square = 1.0 / (factor * factor), slope = (last_share - share) / (last_square - square);
         double less = most / share;  // of 1 / factor^2, in which a share is linear: what holds the pose stays
@@ -369,7 +372,7 @@ class Planner {
     for (std::size_t i = 0; i < limits.size(); i += 2) {
       if (limits[i] >= 0.0)
         out_.limit_curve.emplace_back(now_ + timing.time_of(grid_.s[i / 2]),
-                                      spots_[i].at->tip.d1.norm() * std::sqrt(limits[i]));
+                                      spots_.at(i)->tip.d1.norm() * std::sqrt(limits[i]));
     }
     spots_.forget_rows();
     Squares x = solve_anew(false);

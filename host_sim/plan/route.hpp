@@ -72,26 +72,27 @@ class Route {
   [[nodiscard]] const std::vector<Vec2<double>>& from() const { return from_; }
   [[nodiscard]] const std::vector<Vec2<double>>& from_base() const { return from_base_; }
 
-  /// The place at parameter t of a piece; empty: there is no such pose.
-  [[nodiscard, gnu::flatten]] std::optional<Place<M>> place(const Piece& piece, double t) const {
+  /// Sets the place at parameter t of a piece; false: there is no such pose.
+  [[gnu::noinline, gnu::flatten]] bool place(const Piece& piece, double t, Place<M>& out) const {
     const auto& c = p_.controller;
-    std::optional<Place<M>> out(std::in_place);
     const CurvePoint at = piece.point(t, false);
-    Desired<M>& d = out->at;
+    Desired<M>& d = out.at;
     const bool joint = piece.kind == Piece::Kind::joint;
     if (!(joint ? desired_at_base(c.mechanism, c.mode, at.p, at.d1, at.d2, d.pose, d.rates, d.acceleration)
                 : desired_at_effector(c.mechanism, c.mode, at.p, at.d1, at.d2, d.pose, d.rates,
-                                      d.acceleration))) {
-      out.reset();
-      return out;
-    }
-    out->tip = at;
+                                      d.acceleration)))
+      return false;
+    out.tip = at;
     if (joint)
-      out->tip = {
+      out.tip = {
           d.pose.effector, c.mechanism.tip_rate(d.pose, d.rates), tip_acceleration(c.mechanism, d), {}};
-    out->base1 = M::base(d.rates);
-    out->base2 = M::base(d.acceleration);
-    return out;
+    out.base1 = M::base(d.rates);
+    out.base2 = M::base(d.acceleration);
+    return true;
+  }
+  [[nodiscard]] std::optional<Place<M>> place(const Piece& piece, double t) const {
+    Place<M> out;
+    return place(piece, t, out) ? std::optional(out) : std::nullopt;
   }
   /// The place at parameter s of a stretch.
   [[nodiscard]] std::optional<Place<M>> place(const Stretch& stretch, double s) const {

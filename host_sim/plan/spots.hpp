@@ -2,7 +2,6 @@
 /// The grid of a stretch: few points at first, more where the solution asks for them.
 
 #include <cmath>
-#include <memory>
 #include <numbers>
 
 #include "host_sim/plan/guard.hpp"
@@ -13,24 +12,22 @@ namespace esmc::host::plan {
 // and how often they are cut, in 2, 4 or 8, where their error exceeds a share that falls with the square of
 // Problem::grid.
 constexpr std::size_t least_cells = 2;
-constexpr double first_share = 0.15, least_intervals = 12.0, speed_error = 60.0, time_error = 5.0,
+constexpr double first_share = 0.15, least_intervals = 12.0, speed_error = 60.0, time_error = 3.0,
                  quarter = 4.0;
 constexpr int refinements = 2;
 
 /// A point of the grid, or the middle between two. Without a place its rows come from its neighbours.
-template <class M>
 struct Spot {
   double s;
   const Piece* piece;
-  std::unique_ptr<Place<M>> at;
-  std::vector<Row> rows;  // of all limits
+  std::size_t place = none;       // its index, if it has one
+  std::size_t row = 0, rows = 0;  // the first of all limits, and their number
+  static constexpr auto none = static_cast<std::size_t>(-1);
 };
 
 template <class M>
 class Spots {
  public:
-  using Spot = plan::Spot<M>;
-
   Spots(const Problem<M>& p, const Route<M>& route, const MotorLimits<M>& motors)
       : p_(p), route_(route), motors_(motors) {}
 
@@ -46,6 +43,8 @@ class Spots {
   void set(double share = first_share) {
     const auto& pieces = stretch_->pieces;
     spot_.clear();
+    place_.clear();
+    rows_.clear();
     for (std::size_t k = 0; k < pieces.size(); ++k) {
       const Piece& piece = pieces[k];
       const std::size_t n = least_cells + static_cast<std::size_t>(share * static_cast<double>(p_.grid) *
@@ -80,15 +79,15 @@ class Spots {
     for (std::size_t i = 0; i < cells; ++i) {
       const double worst = wrong[i], begin = grid_.s[i], width = grid_.s[i + 1] - begin;
       const int parts = worst <= 1.0 ? 1 : worst <= quarter ? 2 : worst <= quarter * quarter ? 4 : 8;
-      spots.push_back(std::move(spot_[2 * i]));
+      spots.push_back(spot_[2 * i]);
       for (int k = 1; k <= 2 * parts; ++k) {
         if (k % 2 == 1) {
           finer.x.push_back(x.x[i] + (x.x[i + 1] - x.x[i]) * (k - 1) / (2 * parts));
           finer.slope.push_back(x.slope[i]);
         }
         if (k == parts) {
-          spots.push_back(std::move(spot_[2 * i + 1]));
-          if (k % 2 == 0 && !spots.back().at) spots.back().rows.clear();
+          spots.push_back(spot_[2 * i + 1]);
+          if (k % 2 == 0 && spots.back().place == Spot::none) spots.back().rows = 0;
           if (k % 2 == 0) place(spots.back());
         } else if (k < 2 * parts) {
           spots.push_back(spot(begin + width * k / (2 * parts), placed || k % 2 == 0));
@@ -96,7 +95,7 @@ class Spots {
       }
     }
     finer.x.push_back(x.x[cells]);
-    spots.push_back(std::move(spot_.back()));
+    spots.push_back(spot_.back());
     const bool more = spots.size() > spot_.size();
     spot_ = std::move(spots);
     x = std::move(finer);
@@ -109,16 +108,18 @@ class Spots {
     grid_.first.clear();
     for (std::size_t i = 0; i < spot_.size(); i += 2) add_rows(i, motors_only);
     for (std::size_t i = 1; i < spot_.size(); i += 2) {
-      if (spot_[i].rows.empty() && !between(i)) add_rows(i, motors_only);
+      if (spot_[i].rows == 0 && !between(i)) add_rows(i, motors_only);
     }
     for (const Spot& spot : spot_) {
       grid_.first.push_back(grid_.rows.size());
-      grid_.rows.insert(grid_.rows.end(), spot.rows.begin(), spot.rows.end());
+      const Row* row = &rows_[spot.row];
+      grid_.rows.insert(grid_.rows.end(), row, row + spot.rows);
     }
     grid_.first.push_back(grid_.rows.size());
   }
   void forget_rows() {
-    for (Spot& spot : spot_) spot.rows.clear();
+    for (Spot& spot : spot_) spot.rows = 0;
+    rows_.clear();
   }
   /// What the worst plant takes beyond the believed one, of a spot. forget_rows() then makes it count.
   void set_reserve(std::size_t i, const Reserve& less) { less_[i] = less; }
@@ -126,28 +127,29 @@ class Spots {
   [[nodiscard]] Grid& grid() { return grid_; }
   [[nodiscard]] std::size_t size() const { return spot_.size(); }
   [[nodiscard]] const Spot& operator[](std::size_t i) const { return spot_[i]; }
+  [[nodiscard]] const Place<M>* at(std::size_t i) const {
+    return spot_[i].place == Spot::none ? nullptr : &place_[spot_[i].place];
+  }
 
  private:
   /// A spot with its place, or without: it is then known only from its neighbours.
-  Spot spot(double s, bool placed) const {
-    Spot out{s, &Route<M>::piece_at(*stretch_, s), nullptr, {}};
+  Spot spot(double s, bool placed) {
+    Spot out{s, &Route<M>::piece_at(*stretch_, s)};
     if (placed) place(out);
     return out;
   }
-  void place(Spot& spot) const {
-    if (spot.at) return;
-    if (const auto at = route_.place(*stretch_, spot.s))
-      spot.at = std::make_unique<Place<M>>(*at);
-    else
-      throw Refused(spot.piece->move, "to",
-                    "leads out of reach at " +
-                        place_text(spot.piece->position(spot.piece->begin + spot.s - spot.piece->at)));
+  void place(Spot& spot) {
+    if (spot.place != Spot::none) return;
+    spot.place = place_.size();
+    const double t = spot.piece->begin + std::clamp(spot.s - spot.piece->at, 0.0, spot.piece->length());
+    if (!route_.place(*spot.piece, t, place_.emplace_back()))
+      throw Refused(spot.piece->move, "to", "leads out of reach at " + place_text(spot.piece->position(t)));
   }
   void take_points() {
     grid_.s.clear();
-    grid_.enough = std::max(1e-9, 2.0 / static_cast<double>(p_.grid * p_.grid));
+    grid_.enough = std::max(1e-9, 4.0 / static_cast<double>(p_.grid * p_.grid));
     for (std::size_t i = 0; i < spot_.size(); i += 2) grid_.s.push_back(spot_[i].s);
-    less_.assign(spot_.size(), Reserve{});
+    less_.assign(p_.uncertain ? spot_.size() : 0, Reserve{});
   }
   /// Of every interval, how many times as wrong as is allowed its time may be.
   [[nodiscard]] std::vector<double> errors(const Squares& x) const {
@@ -181,17 +183,20 @@ class Spots {
   }
   void add_rows(std::size_t i, bool motors_only) {
     Spot& spot = spot_[i];
-    if (!spot.rows.empty()) return;
+    if (spot.rows > 0) return;
     place(spot);
-    spot.rows.reserve(16);
-    motors_.add_rows(*spot.at, motors_only ? Reserve{} : less_[i], spot.rows);
-    if (!motors_only) add_motion_rows(p_, *spot.piece, *spot.at, spot.rows);
+    spot.row = rows_.size();
+    const Place<M>& at = place_[spot.place];
+    motors_.add_rows(at, motors_only || less_.empty() ? Reserve{} : less_[i], rows_);
+    if (!motors_only) add_motion_rows(p_, *spot.piece, at, rows_);
+    spot.rows = rows_.size() - spot.row;
   }
   /// Sets the rows of a middle to the cubic through those of four points of its piece; false: it has not
   /// four.
   bool between(std::size_t i) {
-    if (spot_[i].at) return false;
-    const Piece* piece = spot_[i].piece;
+    Spot& spot = spot_[i];
+    if (spot.place != Spot::none) return false;
+    const Piece* piece = spot.piece;
     const auto within = [&](std::size_t first) {  // where two pieces meet, what both have in common is smooth
       if (first + 6 >= spot_.size() || spot_[first].piece != piece || spot_[first + 4].piece != piece)
         return false;
@@ -207,18 +212,20 @@ class Spots {
       for (std::size_t j = 0; j < 4; ++j) {
         if (j == k) continue;
         const double s = spot_[first + 2 * j].s;
-        weight[k] *= (spot_[i].s - s) / (spot_[first + 2 * k].s - s);
+        weight[k] *= (spot.s - s) / (spot_[first + 2 * k].s - s);
       }
     }
-    std::vector<Row>& out = spot_[i].rows;
-    out = spot_[first].rows;
-    for (std::size_t r = 0; r < out.size(); ++r) {
-      const auto sum = [&](double Row::*of) {
-        double v = 0.0;
-        for (std::size_t k = 0; k < 4; ++k) v += weight[k] * (spot_[first + 2 * k].rows[r].*of);
-        return v;
-      };
-      out[r] = {sum(&Row::a), sum(&Row::b), sum(&Row::d), sum(&Row::low), sum(&Row::high), out[r].kind};
+    spot.row = rows_.size();
+    spot.rows = spot_[first].rows;
+    rows_.resize(spot.row + spot.rows);
+    for (std::size_t r = 0; r < spot.rows; ++r) {
+      Row& out = rows_[spot.row + r];
+      out = {0.0, 0.0, 0.0, 0.0, 0.0, rows_[spot_[first].row + r].kind};
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Row& row = rows_[spot_[first + 2 * k].row + r];
+        for (double Row::*of : {&Row::a, &Row::b, &Row::d, &Row::low, &Row::high})
+          out.*of += weight[k] * row.*of;
+      }
     }
     return true;
   }
@@ -230,6 +237,8 @@ class Spots {
   bool limits_moves_ = false;  // a move of the stretch limits speed or acceleration
   Grid grid_;
   std::vector<Spot> spot_;
+  std::vector<Place<M>> place_;
+  std::vector<Row> rows_;
   std::vector<Reserve> less_;  // of each spot
 };
 

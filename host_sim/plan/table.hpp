@@ -22,6 +22,15 @@ struct Knot {
   Motion2<double> before, after;
 };
 
+/// Position and acceleration as Quintic::at() has them, at t within; no velocity.
+[[nodiscard]] inline Motion2<double> shape(const Quintic<double>& q, double t) {
+  const double pace = 1.0 / q.duration, u = t * pace;
+  const auto& c = q.c;
+  return {c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * u) * u) * u) * u) * u,
+          {},
+          (c[2] * 2.0 + (c[3] * 6.0 + (c[4] * 12.0 + c[5] * (20.0 * u)) * u) * u) * (pace * pace)};
+}
+
 /// As few quintics as meet `knot(time)` at the breaks of a timing, and `motion(time)` halfway between them,
 /// within 2e-3 of its largest acceleration and a micrometre. Their ends are its breaks, where they meet it
 /// with speed and acceleration.
@@ -69,8 +78,8 @@ template <class K, class F>
     double worst = 1.0;
     std::size_t split = i;
     for (std::size_t k = i; k < j; ++k) {
-      double here = error(q.at(0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
-      if (k > i) here = std::max(here, error(q.at(nodes[k].t - begin), nodes[k].at.after));
+      double here = error(shape(q, 0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
+      if (k > i) here = std::max(here, error(shape(q, nodes[k].t - begin), nodes[k].at.after));
       if (here > worst) {
         worst = here;
         split = std::clamp(k, i + 1, std::max(i + 1, j - 1));

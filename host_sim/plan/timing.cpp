@@ -26,34 +26,35 @@ class Step {
   }
   /// low <= a u + b x <= high.
   void add(double a, double b, double low, double high) {
-    if (a < 0.0 || (a == 0.0 && b < 0.0)) {
-      a = -a;
-      b = -b;
-      low = -std::exchange(high, -low);
-    }
-    if (a > 0.0) {
-      const double r = 1.0 / a;
-      *end_ = {-b * r, low * r, high * r, a};
+    if (a > 0.0 || a < 0.0) {
+      const double r = 1.0 / a, one = low * r, other = high * r;
+      *end_ = {-b * r, std::min(one, other), std::max(one, other), std::abs(a)};
       most_ = std::min(most_, end_->high);
       least_ = std::max(least_, end_->low);
       ++end_;
-    } else if (b > 0.0) {
-      high_ = std::min(high_, high / b);
-      low_ = std::max(low_, low / b);
+    } else if (b > 0.0 || b < 0.0) {
+      high_ = std::min(high_, std::max(low / b, high / b));
+      low_ = std::max(low_, std::min(low / b, high / b));
     } else if (!(low <= 0.0 && high >= 0.0)) {
       high_ = -1.0;
     }
   }
   /// low <= x + w u <= high, in the place of the last of its kind.
   void set_next(double w, double low, double high) { next_ = {-1.0 / w, low / w, high / w, w}; }
+  [[nodiscard]] double high() const { return high_; }  ///< of x, without regard to u
   /// Whether at x = 0 some u is left.
   [[nodiscard]] bool from_rest() const {
     return low_ == 0.0 && high_ >= 0.0 && std::max(least_, next_.low) <= std::min(most_, next_.high);
   }
   /// The largest u at x. Where rounding leaves none, that which exceeds the rows on both sides alike.
   [[nodiscard]] double most(double x) const {
+    double low = next_.low + next_.slope * x, high = next_.high + next_.slope * x;
+    for (const Bound* b = first_; b != end_; ++b) {
+      low = std::max(low, b->low + b->slope * x);
+      high = std::min(high, b->high + b->slope * x);
+    }
+    if (low <= high) return high;
     const Ends e = ends(x);
-    if (e.low <= e.high) return e.high;
     return (e.most->weight * e.high + e.least->weight * e.low) / (e.most->weight + e.least->weight);
   }
   /// The largest (or smallest) x for which some u is left; negative: none. `guess`: of the largest, or 0.
@@ -260,7 +261,11 @@ class Pass {
     const auto add = [&](std::size_t place, double ahead, double u, double x) {
       for (std::size_t k = grid_.first[place]; k < grid_.first[place + 1]; ++k) {
         const Row& r = rows[k];
-        if (place == 2 * i + 2 && r.a == 0.0) continue;  // of the next point, and met by its speeds
+        // Of speeds alone: the next point has met those of its own, which mostly leave less than the middle.
+        if (r.kind == LimitKind::speed &&
+            (place == 2 * i + 2 ||
+             (place == 2 * i + 1 && r.b * (0.5 * (step.high() + high_[i + 1]) + x) <= r.high)))
+          continue;
         const double off = r.a * u + r.b * x;
         step.add(r.a + ahead * r.b, r.b, r.low - off, r.high - off);
       }
@@ -365,10 +370,15 @@ Timing Timing::quintic(double length, double duration) {
 }
 
 std::size_t Timing::cell(double time, bool before) const {
-  const auto at =
-      before ? std::lower_bound(t_.begin(), t_.end(), time) : std::upper_bound(t_.begin(), t_.end(), time);
-  const auto i = static_cast<std::size_t>(std::max<std::ptrdiff_t>(1, at - t_.begin())) - 1;
-  return std::min(i, a_.size() - 1);
+  const auto ahead = [&](std::size_t i) { return before ? t_[i] < time : t_[i] <= time; };
+  if (last_ + 1 < a_.size() && ahead(last_ + 1)) ++last_;  // mostly it is asked for times in order
+  if (!ahead(last_) || ahead(last_ + 1)) {
+    const auto at =
+        before ? std::lower_bound(t_.begin(), t_.end(), time) : std::upper_bound(t_.begin(), t_.end(), time);
+    last_ =
+        std::min(static_cast<std::size_t>(std::max<std::ptrdiff_t>(1, at - t_.begin())) - 1, a_.size() - 1);
+  }
+  return last_;
 }
 
 Timing::State Timing::raw(double time, bool before) const {

@@ -107,6 +107,7 @@ class Timing {
   std::vector<double> t_, s_, v_, a_, j_, sum_;
   double window_ = 0.0, stretch_ = 1.0;
   bool quintic_ = false;
+  mutable std::size_t last_ = 0;  // cell that was asked for last
 };
 
 }  // namespace esmc::host::plan
