@@ -75,8 +75,6 @@ TEST(SupervisorEdges, TimeOutsThatNobodySetAreFiveThousandAndAThousandTicks) {
   EXPECT_EQ(w.state(), State::disabled);
 }
 
-/// Drives that get ready when the time is up: in a tick of one period they are in time, after a gap that
-/// reaches the limit they are not.
 /// Until its stage is over homing goes on; before and after it a fault takes the torque away, whatever it
 /// asks for.
 TEST(SupervisorEdges, HomingLastsUntilItIsDoneAndHaltsInItsOwnStateOnly) {
@@ -102,6 +100,8 @@ TEST(SupervisorEdges, HomingLastsUntilItIsDoneAndHaltsInItsOwnStateOnly) {
   EXPECT_EQ(s.state(), State::fault);
 }
 
+/// Drives that get ready when the time is up: in a tick of one period they are in time, after a gap that
+/// reaches the limit they are not.
 TEST(SupervisorEdges, AGapThatReachesTheTimeOutIsTooLate) {
   struct Case {
     std::uint32_t waited, passed;

@@ -336,6 +336,12 @@ TEST(Supervisor, HomingEndsWithoutTorqueInEveryWay) {
     v = homing();
     v.begin_tick(Command::halt, {});
     EXPECT_EQ(v.state(), State::halting);
+    v = homing();
+    v.begin_tick(Command::halt, {}, true);
+    EXPECT_EQ(v.state(), State::stopping)
+        << "the zero has just changed: the motion before it is no more known";
+    v = homing();
+    v.begin_tick(Command::halt, {});
     v.begin_tick(Command::none, {}, true);
     EXPECT_EQ(v.state(), State::stopping) << "nothing is held or lowered in a pose that is not known";
     v = homing(false);
