@@ -40,7 +40,8 @@ FOLDERS = {
                        "moteus_codec", "moteus_axis", "id_filters", "drive_edges", "moteus_edges", "odrive_edges", "mit_edges", "cia402_edges"),
     "firmware/link": ("link_codec", "link", "link_motion", "link_capture", "link_told", "link_store", "parameter_slots", "link_edges", "link_home", "slot_edges"),
     "firmware/cycle": ("cycle", "cycle_corners", "cycle_fault", "cycle_frames", "cycle_torque", "cycle_hostile", "cycle_io", "cia402_cycle", "cycle_link",
-                       "part_corners", "plausibility", "setpoint_generator", "path_rate", "fusion", "cycle_edges", "homing", "homing_alone"),
+                       "part_corners", "plausibility", "setpoint_generator", "path_rate", "fusion", "cycle_edges", "homing", "homing_alone",
+                       "cycle_start", "setpoint_edges", "part_edges"),
     "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law", "law_bits"),
 }
 UNITS = {"firmware/cycle": "firmware/cycle/instances_part_*.cpp"}  # what tests need beside headers

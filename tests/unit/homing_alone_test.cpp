@@ -320,4 +320,112 @@ TEST(HomingByItself, ABrakeEndsAtRestOrFails) {
   }
 }
 
+// ---- exactly at their bounds
+
+/// On the way off the stops: joint `j` moves at `rate`, the other one creeps on its stop.
+Fault leave_by(esmc::Homing<double>& h, int j, double rate, int ticks) {
+  Vec2<double> torque, at = begin, rates = -0.126 * binary().speed;
+  rates[j] = j == 0 ? rate : -rate;
+  Fault f = Fault::none;
+  for (int n = 0; n < ticks && f == Fault::none; ++n) {
+    at[j] += rates[j] * binary_tick;
+    f = h.step(at, rates, torque);
+  }
+  return f;
+}
+TEST(HomingByItself, AStopIsLeftByTheBoundsThemselves) {
+  for (const int j : {0, 1}) {
+    // Half a rad/s: 128 ticks are the back-off, 256 the farthest.
+    esmc::Homing<double> into = on_stops(), off = on_stops();
+    EXPECT_EQ(leave_by(into, j, -0.5, 128), Fault::none) << j;
+    EXPECT_EQ(leave_by(off, j, 0.5, 256), Fault::none) << j;
+    into = off = on_stops();
+    EXPECT_EQ(leave_by(into, j, -0.5, 129), Fault::home_no_stop) << j;
+    EXPECT_EQ(leave_by(off, j, 0.5, 257), Fault::home_no_stop) << j;
+  }
+  esmc::Homing<double> h = on_stops();
+  Vec2<double> torque;
+  EXPECT_EQ(h.step(begin + Vec2<double>(0.0625, -0.0625), none, torque), Fault::none);
+  EXPECT_FALSE(h.done()) << "by the back-off, not by more";
+}
+
+/// A joint that is off may stand with what torque it has: it waits for the other one.
+TEST(HomingByItself, AJointOffItsStopMayStand) {
+  for (const int j : {0, 1}) {
+    esmc::Homing<double> h = on_stops();
+    Vec2<double> torque, at = begin, rate = -0.126 * binary().speed;
+    rate[j] = 0.0;
+    const auto off = [j](double v) { return j == 0 ? v : -v; };
+    torque = none;
+    for (int n = 0; n < 300 && off(torque[j]) < 0.5; ++n)
+      ASSERT_EQ(h.step(at, rate, torque), Fault::none) << n;
+    for (int n = 0; n < 12; ++n) ASSERT_EQ(h.step(at, rate, torque), Fault::none) << "the integral, too";
+    at[j] += off(0.063);
+    for (int n = 0; n < 200; ++n) ASSERT_EQ(h.step(at, rate, torque), Fault::none) << n;
+    EXPECT_EQ(off(torque[j]), 0.5);
+  }
+}
+
+TEST(HomingByItself, TurnsBackBeyondTheBackOff) {
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  Vec2<double> torque;
+  for (int n = 0; n < 128; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  const auto torque_at = [&](double off) {
+    esmc::Homing<double> copy = h;
+    EXPECT_EQ(copy.step(begin + Vec2<double>(off, 0.0), none, torque), Fault::none);
+    return torque[0];
+  };
+  const double away = torque_at(0.03125);
+  EXPECT_EQ(torque_at(0.0625), away);
+  EXPECT_LT(torque_at(0.0625 + 0x1p-30), away);
+}
+
+/// While it waits for all three ways of the first one, and no longer.
+TEST(HomingByItself, TheWaitingJointHasOneTravelForAllWays) {
+  Vec2<double> torque;
+  esmc::Homing<double> h(binary(), binary_tick, 100);
+  for (int n = 0; n < 64; ++n) ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+  const Vec2<double> most = begin + Vec2<double>(0.0, binary().travel),
+                     more = most + Vec2<double>(0.0, 0x1p-20);
+  for (int n = 64; n < 130; ++n) ASSERT_EQ(h.step(most, none, torque), Fault::none);
+  EXPECT_GT(torque[0], -0.5) << "on its way off";
+  EXPECT_EQ(h.step(more, none, torque), Fault::home_no_stop);
+
+  h.reset();
+  for (Pushed joints, next;; joints = next) {
+    esmc::Homing<double> after = h;
+    ASSERT_EQ(next.step(after), Fault::none);
+    if (next.torque[1] != 0.0) {  // in this tick joint 1 meets its stop again
+      EXPECT_EQ(h.step(joints.angle + Vec2<double>(0.0, 2.5), joints.rate, torque), Fault::none);
+      break;
+    }
+    h = after;
+  }
+}
+
+/// Where ten times the torque of the speed's error is less than the whole torque.
+TEST(HomingByItself, ATorqueBeginsWithAShareOfTenTimesThatOfTheSpeed) {
+  HomingConfig<double> c = binary();
+  c.torque = {4.0, 4.0};
+  esmc::Homing<double> h(c, binary_tick, 100);
+  Vec2<double> torque;
+  const double error = 0.125 * 0.5;
+  double integral = 0.0;
+  for (int n = 0; n < 240; ++n) {
+    ASSERT_EQ(h.step(begin, none, torque), Fault::none);
+    integral = std::min(integral + std::max(10 * error, integral) / 64, 4.0);
+    EXPECT_NEAR(torque[0], -std::min(integral + error, 4.0), 1e-12) << n;
+  }
+  EXPECT_EQ(torque[0], -4.0);
+}
+
+TEST(HomingByItself, AnAngleMayJumpByFourTimesTheSpeedOrByWhatAnEncoderResolves) {
+  HomingConfig<double> c = binary();
+  EXPECT_FLOAT_EQ(static_cast<float>(esmc::Homing<double>(c, binary_tick, 100).feedback_jump()), 0.002F);
+  for (const Vec2<double>& speed : {Vec2<double>(-1.0, 0.25), Vec2<double>(0.25, 1.0)}) {
+    c.speed = speed;
+    EXPECT_EQ(esmc::Homing<double>(c, binary_tick, 100).feedback_jump(), 4.0 * binary_tick);
+  }
+}
+
 }  // namespace
