@@ -7,6 +7,7 @@
 #include <memory>
 #include <new>
 
+#include "firmware/cycle/controller_config.hpp"
 #include "firmware/cycle/parts.hpp"
 #include "firmware/cycle/tick_result.hpp"
 #include "firmware/mechanism/five_bar.hpp"
@@ -106,6 +107,24 @@ TYPED_TEST(AtFirst, AResetMemoryOfTheLawKnowsNothing) {
   EXPECT_NE(step(0.1), first);
   memory.reset();
   EXPECT_EQ(step(0.1), first);
+}
+
+/// A scene names what it needs: every stage takes no time, and what is scaled is scaled by one.
+TYPED_TEST(AtFirst, AConfigurationIsOfTheLawAlone) {
+  const esmc::ControllerConfig<TypeParam> c;
+  EXPECT_EQ(c.law, esmc::LawKind::esmc);
+  EXPECT_EQ(c.reaching, esmc::Reaching::implicit);
+  EXPECT_TRUE(c.torque_limit.isZero(0)) << "without a limit there is no torque";
+  EXPECT_TRUE(c.torque_weight.isOnes(0) && c.encoder_variance.isOnes(0));
+  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.guide_jerk_ticks, 0U);
+  EXPECT_EQ(c.sign_test_move, 0.0);
+  EXPECT_EQ(c.after_halt, esmc::AfterHalt::release);
+  EXPECT_EQ(c.guide_speed, 1.0);
+  EXPECT_EQ(c.guide_acceleration, 1.0);
+  EXPECT_EQ(c.motors, esmc::Motors::base);
+  EXPECT_EQ(c.sensors, esmc::Sensors::base);
+  EXPECT_EQ(c.motor_count(), 2);
+  EXPECT_EQ(c.sensor_count(), 2);
 }
 
 }  // namespace
