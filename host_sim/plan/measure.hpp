@@ -83,7 +83,7 @@ class Measurement {
       Use& use = use_[static_cast<std::size_t>(kind)][i];
       for (std::size_t n = 0; n < value.size(); ++n)
         value[n] = shares_[n * slots_.size() + k].at(1.0 / factor);
-      const auto note = [&](double share, std::size_t from, std::size_t to) {
+      const auto note = [&, kind = kind](double share, std::size_t from, std::size_t to) {
         use.share = std::max(use.share, share);
         if (share > limit) excess_.push_back({looks_[from], looks_[to], kind, share});
         if (share <= most * limit) return;
