@@ -41,7 +41,7 @@ FOLDERS = {
     "firmware/link": ("link_codec", "link", "link_motion", "link_capture", "link_told", "link_store", "parameter_slots", "link_edges", "link_home", "slot_edges"),
     "firmware/cycle": ("cycle", "cycle_corners", "cycle_fault", "cycle_frames", "cycle_torque", "cycle_hostile", "cycle_io", "cia402_cycle", "cycle_link",
                        "part_corners", "plausibility", "setpoint_generator", "path_rate", "fusion", "cycle_edges", "homing", "homing_alone",
-                       "cycle_start", "setpoint_edges", "part_edges"),
+                       "cycle_start", "setpoint_edges", "part_edges", "cycle_drives", "cycle_samples", "controller_edges", "controller_start"),
     "firmware/control": ("reaching", "reference", "control_corners", "super_twisting", "coupled_step", "allocation", "box_allocation", "law", "law_bits"),
 }
 UNITS = {"firmware/cycle": "firmware/cycle/instances_part_*.cpp"}  # what tests need beside headers

@@ -1,0 +1,430 @@
+/// The controller by itself: which torque is limited, lowered, compensated or taken away, and from which
+/// state a motion begins. Expected values are those of the formulas in words.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "tests/support/controller_alone.hpp"
+
+namespace esmc::test {
+namespace {
+
+using Five = FiveBar<double>;
+using Arm = Rr<float>;
+template <class M>
+class ControllerEdges : public testing::Test {};
+using Both = testing::Types<Five, Arm>;
+TYPED_TEST_SUITE(ControllerEdges, Both);
+
+// ---- halting and lowering
+
+template <class M>
+Alone<M> lowering() {
+  Alone<M> a;
+  a.config.halt_ticks = 4;
+  a.config.lower_ticks = 8;
+  a.config.after_halt = AfterHalt::lower;
+  a.config.reference = {.kind = ReferenceKind::hold_start, .space = a.config.reference.space};
+  return a;
+}
+
+TEST(ControllerLowering, TheWeightFadesAndSpeedIsDamped) {
+  auto a = lowering<Arm>();
+  a.config.torque_limit = {3.0F, 2.0F};
+  const Vec2<double> weight = weight_of_the_arm(a.now.angle);
+  for (int round = 0; round < 2; ++round) {
+    a.start();
+    a.now.rate.setZero();
+    a.tick(Command::halt);
+    for (int n = 0; n < 20 && a.supervisor->state() == State::halting; ++n) a.tick();
+    a.now.rate = {0.25F, -0.5F};  // a tenth of joint_speed is 5 rad/s
+    const Vec2<double> brake(-0.25 * 3.0 / 5.0, 0.5 * 2.0 / 5.0);
+    for (int k = 1; k <= 8; ++k) {  // the first one has been the tick that was at rest
+      const auto r = a.tick();
+      if (k == 8) {
+        EXPECT_EQ(r.state, State::lowering);
+      }
+      const Vec2<double> expected = weight * (1.0 - k / 8.0) + brake;
+      EXPECT_NEAR(r.torque[0], expected[0], 1e-5) << k;
+      EXPECT_NEAR(r.torque[1], expected[1], 1e-5) << k;
+      EXPECT_EQ(r.stage_done, k == 8) << k;
+      EXPECT_EQ(r.sliding.norm(), 0.0F) << "there is no law";
+    }
+    EXPECT_EQ(a.tick().state, State::stopping);
+    a.now.rate.setZero();
+    EXPECT_EQ(a.tick().state, State::disabled);
+  }
+}
+
+TEST(ControllerLowering, BothBaseMotorsOfAFiveBarAreDamped) {
+  auto a = lowering<Five>();
+  a.config.torque_limit = {2.0, 9.0, 1.0, 9.0};
+  a.start();
+  a.tick(Command::halt);
+  for (int n = 0; n < 20 && a.supervisor->state() == State::halting; ++n) a.tick();
+  for (int k = 0; k < 5; ++k) a.tick();
+  const auto still = a.tick();
+  for (const int joint : {0, 2}) {
+    a.now.rate.setZero();
+    a.now.rate[joint] = 0.125;
+    const auto r = a.tick();
+    if (joint == 2) {  // the weight is gone
+      EXPECT_NEAR(r.torque[2], -0.125 * 1.0 / 5.0, 1e-12);
+      EXPECT_NEAR(r.torque[0], 0.0, 1e-12);
+    } else {  // an eighth of the weight is left, two before
+      EXPECT_NEAR(r.torque[0] - still.torque[0] / 2, -0.125 * 2.0 / 5.0, 1e-12);
+      EXPECT_NEAR(r.torque[2] - still.torque[2] / 2, 0.0, 1e-12);
+    }
+  }
+}
+
+/// The way to rest begins with the state that is measured, each time anew, and in the tick of the fault.
+TYPED_TEST(ControllerEdges, AHaltBeginsWhereTheMechanismIs) {
+  Alone<TypeParam> a;
+  a.config.halt_ticks = 50;
+  a.config.after_halt = AfterHalt::release;
+  for (const double moved : {0.0, 0.01, -0.02}) {
+    a.now.angle[0] += static_cast<typename TypeParam::Scalar>(moved);
+    a.start();
+    a.tick();
+    a.now.rate[0] = a.now.rate[Alone<TypeParam>::second] = 0.125;
+    const auto r = a.tick(Command::halt);
+    EXPECT_EQ(r.state, State::halting);
+    EXPECT_LT(r.sliding.norm(), 1e-4) << moved;
+    a.now.rate.setZero();
+    for (int n = 0; n < 100 && a.supervisor->state() != State::disabled; ++n) a.tick();
+    EXPECT_EQ(a.supervisor->state(), State::disabled);
+  }
+}
+
+TYPED_TEST(ControllerEdges, AFaultThatHaltsBeginsTheHaltInItsTick) {
+  Alone<TypeParam> a;
+  a.config.halt_ticks = 50;
+  a.config.limits.joint_angle[1].upper =
+      a.now.angle[Alone<TypeParam>::second] + typename TypeParam::Scalar(0.01);
+  a.start();
+  a.tick();
+  a.now.angle[Alone<TypeParam>::second] += typename TypeParam::Scalar(0.02);
+  const auto r = a.tick();
+  EXPECT_EQ(r.state, State::halting);
+  EXPECT_EQ(r.fault, Fault::joint_angle);
+  EXPECT_LT(r.sliding.norm(), 1e-4);
+  EXPECT_GT(r.torque.norm(), 0.0);
+  EXPECT_EQ(r.desired_effector, r.effector);
+}
+
+// ---- the beginning of a motion
+
+/// While it is joined, the reference begins with the measured position and velocity, at every rate.
+TYPED_TEST(ControllerEdges, AReferenceIsJoinedFromTheMeasuredMotion) {
+  for (const auto space : {ReferenceSpace::effector, ReferenceSpace::base_joints}) {
+    for (const unsigned percent : {100U, 50U}) {
+      Alone<TypeParam> a;
+      a.config.join_ticks = 500;
+      a.config.limits.joint_speed = 1e3;
+      a.config.torque_limit.setConstant(1e3);
+      a.config.reference.space = space;
+      if (space == ReferenceSpace::base_joints)
+        a.config.reference.centre = {a.now.angle[0], a.now.angle[Alone<TypeParam>::second]};
+      a.now.rate[0] = 0.25;
+      a.now.rate[Alone<TypeParam>::second] = -0.5;
+      a.tick();
+      a.controller->path_rate().want(percent);
+      const auto r = a.start();
+      ASSERT_EQ(r.state, State::running) << name(r.fault);
+      EXPECT_LT(r.sliding.norm(), 1e-3) << percent;
+    }
+  }
+}
+
+/// With a predictor the reference is taken at the instant to which it predicts.
+TYPED_TEST(ControllerEdges, APredictorLooksAheadInTheReference) {
+  Alone<TypeParam> plain, ahead;
+  ahead.config.delay_ticks = 3;
+  ahead.config.predict = [](const auto&, const auto&, auto&) {};
+  plain.start(), ahead.start();
+  std::vector<Vec2<double>> desired;
+  for (int n = 1; n < 20; ++n) {
+    desired.push_back(plain.tick().desired_effector.template cast<double>());
+    const auto r = ahead.tick();
+    if (n > 3) {
+      continue;
+    }
+    ASSERT_EQ(r.state, State::running);
+  }
+  Alone<TypeParam> again;
+  again.config.delay_ticks = 3;
+  again.config.predict = ahead.config.predict;
+  again.start();
+  for (std::size_t n = 0; n + 3 < desired.size(); ++n) {
+    const auto r = again.tick();
+    EXPECT_LT((r.desired_effector.template cast<double>() - desired[n + 3]).norm(), 1e-6) << n;
+  }
+}
+
+// ---- limits
+
+/// The sign test gives no more than the limit, although the weight alone is above it.
+TEST(ControllerLimits, ASignTestIsLimitedToo) {
+  Alone<Arm> a;
+  a.config.sign_test_move = 0.01F;
+  a.config.torque_limit = {0.5F, 2.0F};
+  ASSERT_GT(weight_of_the_arm(a.now.angle)[0], 0.7);
+  const auto r = a.start();
+  EXPECT_EQ(r.state, State::testing);
+  EXPECT_EQ(r.torque[0], 0.5F);
+  EXPECT_TRUE(r.saturated);
+}
+
+/// A motor that does not move fails after its first half, as soon the second time as the first.
+TEST(ControllerLimits, ASignTestBeginsAnewEachTime) {
+  Alone<Arm> a;
+  a.config.sign_test_move = 0.01F;
+  std::array<int, 3> ticks{};
+  for (int round = 0; round < 3; ++round) {
+    a.start();
+    if (round == 1) {  // ended in the midst of it
+      for (int n = 0; n < ticks[0] / 2; ++n) a.tick();
+      a.tick(Command::stop);
+      a.tick();
+      a.start();
+    }
+    int& n = ticks[static_cast<unsigned>(round)];
+    while (a.supervisor->state() == State::testing && n < 5000) ++n, a.tick();
+    EXPECT_EQ(a.supervisor->fault(), Fault::sign_test);
+    a.tick(Command::reset);
+  }
+  EXPECT_GT(ticks[0], 4);
+  EXPECT_EQ(ticks[1], ticks[0]);
+  EXPECT_EQ(ticks[2], ticks[0]);
+}
+
+TYPED_TEST(ControllerEdges, AJumpOfTheLastEncoderIsSeen) {
+  for (const int joint : {0, Alone<TypeParam>::second}) {
+    Alone<TypeParam> a;
+    a.config.limits.feedback_jump = 0.01F;
+    a.start();
+    ASSERT_EQ(a.tick().state, State::running);
+    a.now.angle[joint] += typename TypeParam::Scalar(0.05);
+    EXPECT_EQ(a.tick().fault, Fault::feedback_jump) << joint;
+  }
+}
+
+TEST(ControllerLimits, AJumpOfAPassiveEncoderIsSeen) {
+  for (int joint = 0; joint < 4; ++joint) {
+    Alone<Five> a;
+    a.config.sensors = Sensors::all;
+    a.config.limits.closure = 1.0;
+    a.config.limits.feedback_jump = 0.01;
+    a.start();
+    ASSERT_EQ(a.tick().state, State::running);
+    a.now.angle[joint] += 0.05;
+    EXPECT_EQ(a.tick().fault, Fault::feedback_jump) << joint;
+  }
+}
+
+// ---- ticks without torque
+
+template <class M>
+void expect_nothing(const TickResult<M>& r) {
+  EXPECT_EQ(r.torque.norm(), 0);
+  EXPECT_EQ(r.sliding.norm(), 0);
+  EXPECT_EQ(r.desired_effector.norm(), 0);
+  for (const auto& d : r.desired_direction.items) EXPECT_EQ(d.norm(), 0);
+  EXPECT_FALSE(r.stage_done);
+  EXPECT_FALSE(r.saturated);
+  EXPECT_EQ(r.running_tick, 0U);
+}
+
+TYPED_TEST(ControllerEdges, WithoutTorqueNothingIsDesiredAndNothingSlides) {
+  Alone<TypeParam> a;
+  for (int round = 0; round < 2; ++round) {
+    expect_nothing(a.tick());
+    expect_nothing(a.tick(Command::enable));
+    EXPECT_GT(a.tick().sliding.norm(), 0);
+    const auto r = a.tick(Command::stop);
+    EXPECT_EQ(r.state, State::stopping);
+    expect_nothing(r);
+    EXPECT_EQ(a.tick().state, State::disabled);
+  }
+  a.start();
+  a.now.rate[0] = 1e3;
+  const auto r = a.tick();
+  EXPECT_EQ(r.fault, Fault::joint_speed);
+  EXPECT_EQ(r.torque.norm(), 0);
+  EXPECT_EQ(r.sliding.norm(), 0);
+  EXPECT_EQ(r.desired_effector.norm(), 0);
+  expect_nothing(a.tick(Command::reset));
+}
+
+TYPED_TEST(ControllerEdges, OnlyEnablingIsEndedByAGuardWithoutTorque) {
+  for (const bool stale : {false, true}) {
+    Alone<TypeParam> a;
+    const auto spoil = [&] {
+      if (stale) {
+        a.now.age_ticks[0] = 3;
+      } else {
+        a.now.rate[Alone<TypeParam>::second] = 1e3;
+      }
+    };
+    const auto good = a.now;
+    spoil();
+    EXPECT_EQ(a.tick().fault, Fault::none) << "disabled";
+    EXPECT_EQ(a.tick(Command::enable).fault, stale ? Fault::none : Fault::joint_speed);
+    a.now = good;
+    a.tick(Command::reset);
+    a.tick(Command::stop);
+    a.tick();
+    a.start();
+    ASSERT_EQ(a.supervisor->state(), State::running);
+    spoil();
+    const auto r = a.tick(Command::stop);
+    EXPECT_EQ(r.state, State::stopping);
+    EXPECT_EQ(r.fault, Fault::none);
+  }
+}
+
+// ---- optional parts, written here
+
+struct Part {
+  static inline bool broken = false;
+  static inline std::vector<MotorTorque> asked;
+  static inline double disturbance[2];
+
+  template <class M>
+  static void reach(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>&,
+                    typename M::Channels& acceleration, typename M::Channels& sliding) {
+    acceleration.setZero();
+    sliding.setConstant(0.375F);
+  }
+  template <class M>
+  static void observe(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>& memory) {
+    for (int i = 0; i < 2; ++i) memory.disturbance[i] = static_cast<typename M::Scalar>(disturbance[i]);
+  }
+  /// Motors give an eighth less than they are asked for; broken, the first one is asked for what is no
+  /// number.
+  template <class M>
+  static void correct(const ControllerConfig<M>&, const Sample<M>&, MotorTorque change,
+                      Vec<typename M::Scalar, M::joints>& torque) {
+    asked.push_back(change);
+    for (const int j : {0, M::joints / 2})
+      torque[j] += typename M::Scalar(change == MotorTorque::given_to_asked ? 0.125 : -0.125);
+    if (broken) torque[0] = std::numeric_limits<float>::quiet_NaN();
+  }
+};
+
+template <class M>
+Alone<M> at_rest() {
+  Alone<M> a;
+  a.config.reach = &Part::reach<M>;
+  a.config.torque_limit.setConstant(5);
+  return a;
+}
+
+TYPED_TEST(ControllerEdges, APartThatReachesReplacesTheLaw) {
+  auto a = at_rest<TypeParam>();
+  const auto r = a.start();
+  typename TypeParam::Channels told;
+  told.setConstant(0.375F);
+  EXPECT_EQ(r.sliding, told);
+  if constexpr (TypeParam::joints == 2) {  // no acceleration: the weight alone
+    EXPECT_LT((r.torque.template cast<double>() - weight_of_the_arm(a.now.angle)).norm(), 1e-5);
+  }
+}
+
+TYPED_TEST(ControllerEdges, ADisturbanceIsCompensatedOnItsOwnMotor) {
+  const auto torque = [](double first, double second, bool observed) {
+    auto a = at_rest<TypeParam>();
+    if (observed) a.config.observer = &Part::observe<TypeParam>;
+    Part::disturbance[0] = first;
+    Part::disturbance[1] = second;
+    const auto r = a.start();
+    if (observed) {
+      EXPECT_EQ(a.controller->memory().asked[0], r.torque[0]);
+      EXPECT_EQ(a.controller->memory().asked[1], r.torque[Alone<TypeParam>::second]);
+      EXPECT_EQ(a.controller->memory().ticks, 1);
+      EXPECT_TRUE(a.controller->memory().whole);
+    }
+    return Vec2<double>(r.torque[0], r.torque[Alone<TypeParam>::second]);
+  };
+  const Vec2<double> plain = torque(9, 9, false);
+  EXPECT_LT((torque(0.25, -0.5, true) - plain - Vec2<double>(-0.25, 0.5)).norm(), 1e-5);
+  EXPECT_LT((torque(0, 0, true) - plain).norm(), 1e-6);
+}
+
+TYPED_TEST(ControllerEdges, APredictedEffectorIsTold) {
+  auto a = at_rest<TypeParam>();
+  a.config.predict = [](const auto&, const auto&, auto& t) { t.pose.effector = {0.25F, -0.75F}; };
+  const auto r = a.start();
+  EXPECT_EQ(r.effector[0], 0.25F);
+  EXPECT_EQ(r.effector[1], -0.75F);
+}
+
+/// Asked for more by what the motor does not give, then limited; kept is what the motors give of that.
+TYPED_TEST(ControllerEdges, MemoryIsOfTorquesThatTheMotorsGive) {
+  for (const bool limited : {false, true}) {
+    for (const bool ramp : {false, true}) {
+      auto plain = at_rest<TypeParam>();
+      auto a = at_rest<TypeParam>();
+      a.config.correct = &Part::correct<TypeParam>;
+      if (limited) a.config.torque_limit.setConstant(0.0625F);
+      if (ramp) plain.config.ramp_ticks = a.config.ramp_ticks = 10;
+      Part::asked.clear();
+      const auto wanted = plain.start();
+      const auto r = a.start();
+      EXPECT_EQ(Part::asked, (std::vector{MotorTorque::given_to_asked, MotorTorque::asked_to_given}));
+      for (const int j : {0, Alone<TypeParam>::second}) {
+        const double most = limited ? 0.0625 : 5.0;
+        EXPECT_NEAR(r.torque[j], std::clamp(double{wanted.torque[j]} + 0.125, -most, most), 1e-6);
+        EXPECT_NEAR(a.controller->memory().torque(0)[j], double{r.torque[j]} - 0.125, 1e-6);
+      }
+      EXPECT_EQ(a.controller->memory().whole, !limited && !ramp);
+    }
+  }
+}
+
+TYPED_TEST(ControllerEdges, MemoryEndsWithTheTorque) {
+  auto a = at_rest<TypeParam>();
+  a.config.observer = &Part::observe<TypeParam>;
+  a.start();
+  for (int n = 0; n < 3; ++n) a.tick();
+  EXPECT_EQ(a.controller->memory().ticks, 4);
+  a.tick(Command::stop);
+  EXPECT_EQ(a.controller->memory().ticks, 0);
+  Alone<TypeParam> without;
+  without.start();
+  EXPECT_EQ(without.controller->memory().ticks, 0) << "no part needs it";
+}
+
+/// One torque that is no number takes the other one away too, and ends what was about to be done.
+TYPED_TEST(ControllerEdges, OneTorqueThatIsNoNumberEndsAll) {
+  auto a = at_rest<TypeParam>();
+  a.config.halt_ticks = 4;
+  a.config.correct = &Part::correct<TypeParam>;
+  a.start();
+  a.tick(Command::halt);
+  for (int n = 0; n < 3; ++n) EXPECT_FALSE(a.tick().stage_done);
+  Part::broken = true;
+  const auto r = a.tick();
+  Part::broken = false;
+  EXPECT_EQ(r.state, State::fault);
+  EXPECT_EQ(r.fault, Fault::torque_not_finite);
+  EXPECT_EQ(r.torque.norm(), 0);
+  EXPECT_FALSE(r.stage_done);
+}
+
+TYPED_TEST(ControllerEdges, ATorqueLawHasNothingThatSlides) {
+  Alone<TypeParam> a;
+  a.config.law = LawKind::pd;
+  const auto r = a.start();
+  EXPECT_EQ(r.sliding.norm(), 0);
+  EXPECT_GT(r.torque.norm(), 0);
+}
+
+}  // namespace
+}  // namespace esmc::test
