@@ -227,6 +227,46 @@ TEST(ControllerJoining, WhatFourMotorsWereAskedForIsKeptOfTheBaseMotors) {
   EXPECT_NEAR(four.controller->memory().asked[1], base.torque[2], 1e-9);
 }
 
+/// A join of few ticks is looked at in as many of its first points, and not after its end.
+TEST(ControllerJoining, AfterItsEndAJoinIsNotLookedAt) {
+  Joining j(Vec2<float>(0.5F, 0.0F));
+  j.config.join_ticks = 8;
+  const double mean = 0.5 / 0.008, at_three = 30 * 9.0 / 64 * 25.0 / 64, fastest = 1.875;
+  j.config.limits.joint_speed = static_cast<float>(mean * (at_three + fastest) / 2);
+  EXPECT_EQ(j.fault(), 0);
+}
+
+TEST(ControllerJoining, WhereItCannotBeJoinedNothingIsDesired) {
+  Joining j(Vec2<float>(0.5F, 0.0F));
+  j.config.limits.join_acceleration = 1e-6F;
+  const auto r = j.start();
+  EXPECT_EQ(r.fault, Fault::join_infeasible);
+  EXPECT_EQ(r.desired_effector.norm(), 0.0F);
+  for (const auto& d : r.desired_direction.items) EXPECT_EQ(d.norm(), 0.0F);
+}
+
+TEST(ControllerBegins, LegsThatCannotCloseHaveNoEffector) {
+  Alone<Five> a;
+  a.now.angle.setZero();  // away from each other
+  const auto r = a.tick(Command::enable);
+  EXPECT_EQ(r.fault, Fault::loop_not_closed);
+  EXPECT_EQ(r.effector.norm(), 0.0);
+}
+
+/// The sign test pushes each motor by a twentieth of its limit, within the limits of running.
+TEST(ControllerBegins, ASignTestKeepsToTheLimits) {
+  Alone<Arm> a;
+  a.config.sign_test_move = 0.01F;
+  a.config.torque_limit = {3.0F, 2.0F};
+  a.config.limits.joint_angle[1].upper = a.now.angle[1] + 0.01F;
+  const auto r = a.start();
+  EXPECT_EQ(r.state, State::testing);
+  EXPECT_NEAR(std::abs(r.torque[0] - weight_of_the_arm(a.now.angle)[0]), 0.05 * 3.0, 1e-5);
+  EXPECT_NEAR(r.torque[1], weight_of_the_arm(a.now.angle)[1], 1e-5);
+  a.now.angle[1] += 0.02F;
+  EXPECT_EQ(a.tick().fault, Fault::joint_angle);
+}
+
 // ---- set points
 
 TYPED_TEST(ControllerStart, ABaseJointGoesRoundTheShorterWayUnlessItHasALimit) {
