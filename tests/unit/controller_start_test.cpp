@@ -256,14 +256,14 @@ TEST(ControllerBegins, LegsThatCannotCloseHaveNoEffector) {
 /// The sign test pushes each motor by a twentieth of its limit, within the limits of running.
 TEST(ControllerBegins, ASignTestKeepsToTheLimits) {
   Alone<Arm> a;
-  a.config.sign_test_move = 0.01;
-  a.config.torque_limit = {3.0, 2.0};
-  a.config.limits.joint_angle[1].upper = a.now.angle[1] + 0.01;
+  a.config.sign_test_move = 0.01F;
+  a.config.torque_limit = {3.0F, 2.0F};
+  a.config.limits.joint_angle[1].upper = a.now.angle[1] + 0.01F;
   const auto r = a.start();
   EXPECT_EQ(r.state, State::testing);
   EXPECT_NEAR(std::abs(double{r.torque[0]} - weight_of_the_arm(a.now.angle)[0]), 0.05 * 3.0, 1e-5);
   EXPECT_NEAR(r.torque[1], weight_of_the_arm(a.now.angle)[1], 1e-5);
-  a.now.angle[1] += 0.02;
+  a.now.angle[1] += 0.02F;
   EXPECT_EQ(a.tick().fault, Fault::joint_angle);
 }
 
