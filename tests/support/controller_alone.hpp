@@ -56,7 +56,8 @@ struct Alone {
 
 /// Torque that holds the arm: of its masses, at the distances of their centres.
 inline Vec2<double> weight_of_the_arm(const Vec2<float>& q) {
-  const double first = std::cos(q[0]), both = std::cos(q[0] + q[1]);
+  const Vec2<double> angle = q.cast<double>();
+  const double first = std::cos(angle[0]), both = std::cos(angle[0] + angle[1]);
   const double elbow = 9.8 * 0.3 * 0.07 * both;
   return {9.8 * (0.4 * 0.09 + 0.3 * 0.2) * first + elbow, elbow};
 }

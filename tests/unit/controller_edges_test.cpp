@@ -207,7 +207,7 @@ TEST(ControllerLimits, ASignTestBeginsAnewEachTime) {
 TYPED_TEST(ControllerEdges, AJumpOfTheLastEncoderIsSeen) {
   for (const int joint : {0, Alone<TypeParam>::second}) {
     Alone<TypeParam> a;
-    a.config.limits.feedback_jump = 0.01F;
+    a.config.limits.feedback_jump = typename TypeParam::Scalar(0.01);
     a.start();
     ASSERT_EQ(a.tick().state, State::running);
     a.now.angle[joint] += typename TypeParam::Scalar(0.05);
@@ -300,7 +300,7 @@ struct Part {
   static void reach(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>&,
                     typename M::Channels& acceleration, typename M::Channels& sliding) {
     acceleration.setZero();
-    sliding.setConstant(0.375F);
+    sliding.setConstant(typename M::Scalar(0.375));
   }
   template <class M>
   static void observe(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>& memory) {
@@ -314,7 +314,7 @@ struct Part {
     asked.push_back(change);
     for (const int j : {0, M::joints / 2})
       torque[j] += typename M::Scalar(change == MotorTorque::given_to_asked ? 0.125 : -0.125);
-    if (broken) torque[0] = std::numeric_limits<float>::quiet_NaN();
+    if (broken) torque[0] = std::numeric_limits<typename M::Scalar>::quiet_NaN();
   }
 };
 
@@ -330,7 +330,7 @@ TYPED_TEST(ControllerEdges, APartThatReachesReplacesTheLaw) {
   auto a = at_rest<TypeParam>();
   const auto r = a.start();
   typename TypeParam::Channels told;
-  told.setConstant(0.375F);
+  told.setConstant(typename TypeParam::Scalar(0.375));
   EXPECT_EQ(r.sliding, told);
   if constexpr (TypeParam::joints == 2) {  // no acceleration: the weight alone
     EXPECT_LT((r.torque.template cast<double>() - weight_of_the_arm(a.now.angle)).norm(), 1e-5);
@@ -372,7 +372,7 @@ TYPED_TEST(ControllerEdges, MemoryIsOfTorquesThatTheMotorsGive) {
       auto plain = at_rest<TypeParam>();
       auto a = at_rest<TypeParam>();
       a.config.correct = &Part::correct<TypeParam>;
-      if (limited) a.config.torque_limit.setConstant(0.0625F);
+      if (limited) a.config.torque_limit.setConstant(typename TypeParam::Scalar(0.0625));
       if (ramp) plain.config.ramp_ticks = a.config.ramp_ticks = 10;
       Part::asked.clear();
       const auto wanted = plain.start();
@@ -380,8 +380,9 @@ TYPED_TEST(ControllerEdges, MemoryIsOfTorquesThatTheMotorsGive) {
       EXPECT_EQ(Part::asked, (std::vector{MotorTorque::given_to_asked, MotorTorque::asked_to_given}));
       for (const int j : {0, Alone<TypeParam>::second}) {
         const double most = limited ? 0.0625 : 5.0;
-        EXPECT_NEAR(r.torque[j], std::clamp(double{wanted.torque[j]} + 0.125, -most, most), 1e-6);
-        EXPECT_NEAR(a.controller->memory().torque(0)[j], double{r.torque[j]} - 0.125, 1e-6);
+        EXPECT_NEAR(r.torque[j], std::clamp(static_cast<double>(wanted.torque[j]) + 0.125, -most, most),
+                    1e-6);
+        EXPECT_NEAR(a.controller->memory().torque(0)[j], static_cast<double>(r.torque[j]) - 0.125, 1e-6);
       }
       EXPECT_EQ(a.controller->memory().whole, !limited && !ramp);
     }

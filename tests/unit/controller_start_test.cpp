@@ -261,7 +261,8 @@ TEST(ControllerBegins, ASignTestKeepsToTheLimits) {
   a.config.limits.joint_angle[1].upper = a.now.angle[1] + 0.01F;
   const auto r = a.start();
   EXPECT_EQ(r.state, State::testing);
-  EXPECT_NEAR(std::abs(double{r.torque[0]} - weight_of_the_arm(a.now.angle)[0]), 0.05 * 3.0, 1e-5);
+  EXPECT_NEAR(std::abs(static_cast<double>(r.torque[0]) - weight_of_the_arm(a.now.angle)[0]), 0.05 * 3.0,
+              1e-5);
   EXPECT_NEAR(r.torque[1], weight_of_the_arm(a.now.angle)[1], 1e-5);
   a.now.angle[1] += 0.02F;
   EXPECT_EQ(a.tick().fault, Fault::joint_angle);
