@@ -421,6 +421,13 @@ TEST(PathRateAlone, FourSharesOfAChangeAreTriedAndThenTheRateStays) {
   EXPECT_EQ(slow.asked, std::vector{-1.0}) << "at least one unit";
 }
 
+TEST(PathRateAlone, TheTimeOfThePathIsKeptToItsLastBit) {
+  Along a(0.5 * 1024 * 0x1p-23);  // one unit in a tick: late by half a unit of the rate
+  a.rate.want(0);
+  a.step();
+  EXPECT_NEAR(a.step().position[0], 1.0 - 0x1p-24, 0x1p-26);
+}
+
 TEST(PathRateAlone, TheLastChangeIsTheRest) {
   Along a(1e6);
   a.rate.want(99);
