@@ -523,17 +523,15 @@ TickResult<M> Controller<M>::home(const Sample<M>& measured, Supervisor& supervi
     fault = brakes ? homing.brake(at_base(measured.rate), torque)
                    : homing.step(at_base(angle), at_base(measured.rate), torque);
     to_base_motors(torque, out);
-    const Fault limited = limit_apart(out);
-    supervisor.raise(fault != Fault::none ? fault : limited);
-    out.stage_done = brakes ? homing.at_rest() : homing.done();
+    if (const Fault limited = limit_apart(out); fault == Fault::none) fault = limited;
+    supervisor.raise(fault);
+    // A fault may ask for the brake, which has not begun.
+    out.stage_done = fault == Fault::none && (brakes ? homing.at_rest() : homing.done());
   }
   jump_check_.keep(measured, M::joints / config_.sensor_count());
   out.state = supervisor.state();
   out.fault = supervisor.fault();
-  if (!supervisor.powered()) {
-    out.torque.setZero();
-    out.stage_done = false;
-  }
+  if (!supervisor.powered()) out.torque.setZero();
   return out;
 }
 

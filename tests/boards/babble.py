@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from board_test import qemu
+from board_test import ICOUNT_LOOP, qemu
 
 TORQUE, STATE, IDLE = 0x0E, 0x07, "01000000"  # of ODrive CANSimple: message of an identifier, request of an axis state
 NOISE, FLOOD = 300, 1200                      # frames in one tick; the cycle reads 1024
@@ -68,7 +68,7 @@ def attempt(elf, machine, esmc, scene):
         listener = socket.socket(socket.AF_UNIX)
         listener.bind(mine)
         listener.listen(1)
-        board = qemu(elf, machine, f"unix:{uart},server=on,wait=on")
+        board = qemu(elf, machine, f"unix:{uart},server=on,wait=on", icount=ICOUNT_LOOP)
         plant = None
         try:
             while not Path(uart).exists() and board.poll() is None:

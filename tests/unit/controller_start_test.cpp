@@ -329,6 +329,75 @@ TYPED_TEST(ControllerStart, HomingGivesNoTorqueThatIsNoNumber) {
   }
 }
 
+/// The first joint is off its stop and stands; the second one's stop gives way.
+TYPED_TEST(ControllerStart, AFaultWhileBothLeaveTheirStopsIsBraked) {
+  using S = typename TypeParam::Scalar;
+  constexpr int second = Alone<TypeParam>::second;
+  Alone<TypeParam> a;
+  a.approach = {.speed = {S(-0.25), S(0.25)},
+                .torque = {S(0.5), S(0.5)},
+                .damping = {S(0.125), S(0.125)},
+                .travel = S(2),
+                .back_off = S(0.0625),
+                .share = S(1.0 / 64)};
+  a.config.halt_ticks = 100;
+  auto r = a.tick(Command::home);
+  const S dt = a.config.sample_time;
+  const auto begin = a.now.angle;
+  const auto turn = [&](int joint, S rate) {
+    a.now.rate[joint] = rate;
+    a.now.angle[joint] += rate * dt;
+    r = a.tick();
+  };
+  const auto until = [&](const char* stage, const auto& reached, const auto& move) {
+    int n = 0;
+    while (!reached() && r.fault == Fault::none && ++n < 4000) move();
+    ASSERT_TRUE(reached()) << stage << ": " << name(r.fault);
+  };
+  // On its stop each joint stands under the whole torque, leaves it by more than back_off and comes back.
+  for (const int j : {0, second}) {
+    const S to = j == 0 ? S(-0.25) : S(0.25);  // the stop
+    const auto pressing = [&](S sign) { return r.torque[j] * sign > S(0.499); };
+    const S way = to > S(0) ? S(1) : S(-1);
+    until(
+        "away", [&] { return pressing(-way); }, [&] { turn(j, S(0)); });
+    until(
+        "off", [&] { return pressing(way); },
+        [&] { turn(j, std::abs(a.now.angle[j] - begin[j]) > S(0.07) ? S(0) : -to); });
+    until(
+        "back", [&] { return way * (a.now.angle[j] - begin[j]) > -S(0.001); }, [&] { turn(j, to); });
+    a.now.rate[j] = S(0);
+  }
+  until(
+      "met", [&] { return a.homing->met(); }, [&] { turn(second, S(0)); });
+  a.now.rate[second] =
+      S(0.035);  // or it would stand under the whole torque, which is the fault of another test
+  until(
+      "the first is off", [&] { return a.now.angle[0] - begin[0] > S(0.07); },
+      [&] {
+        a.now.angle[second] += a.now.rate[second] * dt;
+        turn(0, S(0.25));
+      });
+  a.now.rate[0] = S(0);
+  until(
+      "gives way", [&] { return r.state == State::halting; },
+      [&] {
+        EXPECT_FALSE(r.stage_done);
+        turn(second, S(0.25));
+      });
+  EXPECT_EQ(r.fault, Fault::home_no_stop);
+  EXPECT_FALSE(r.stage_done) << "the brake has not begun";
+  for (int n = 0; n < 5; ++n) {
+    turn(second, S(0.25));
+    EXPECT_EQ(r.state, State::halting);
+  }
+  EXPECT_LT(r.torque[second], S(0)) << "it brakes";
+  turn(second, S(0));
+  EXPECT_TRUE(r.stage_done);
+  turn(second, S(0));
+  EXPECT_EQ(r.state, State::fault);
+}
+
 // ---- the interface
 
 TEST(ControllerTold, TheOddEncoderIsToldAsADriveMotorsFirst) {
