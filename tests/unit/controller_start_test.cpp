@@ -308,16 +308,21 @@ TYPED_TEST(ControllerStart, ABaseJointGoesRoundTheShorterWayUnlessItHasALimit) {
 
 // ---- homing
 
+template <class S>
+HomingConfig<S> quarter_speed() {
+  return {.speed = {S(-0.25), S(0.25)},
+          .torque = {S(0.5), S(0.5)},
+          .damping = {S(0.125), S(0.125)},
+          .travel = S(2),
+          .back_off = S(0.0625),
+          .share = S(1.0 / 64)};
+}
+
 TYPED_TEST(ControllerStart, HomingGivesNoTorqueThatIsNoNumber) {
   using S = typename TypeParam::Scalar;
   for (const bool bad : {false, true}) {
     Alone<TypeParam> a;
-    a.approach = {.speed = {S(-0.25), S(0.25)},
-                  .torque = {S(0.5), S(0.5)},
-                  .damping = {S(0.125), S(0.125)},
-                  .travel = S(2),
-                  .back_off = S(0.0625),
-                  .share = S(1.0 / 64)};
+    a.approach = quarter_speed<S>();
     if (bad) a.config.torque_limit[0] = std::numeric_limits<S>::quiet_NaN();
     EXPECT_FALSE(a.tick(Command::home).stage_done);
     a.now.rate[Alone<TypeParam>::second] = S(0.125);  // the waiting joint is damped
@@ -334,12 +339,7 @@ TYPED_TEST(ControllerStart, AFaultWhileBothLeaveTheirStopsIsBraked) {
   using S = typename TypeParam::Scalar;
   constexpr int second = Alone<TypeParam>::second;
   Alone<TypeParam> a;
-  a.approach = {.speed = {S(-0.25), S(0.25)},
-                .torque = {S(0.5), S(0.5)},
-                .damping = {S(0.125), S(0.125)},
-                .travel = S(2),
-                .back_off = S(0.0625),
-                .share = S(1.0 / 64)};
+  a.approach = quarter_speed<S>();
   a.config.halt_ticks = 100;
   auto r = a.tick(Command::home);
   const S dt = a.config.sample_time;
