@@ -62,4 +62,13 @@ inline Vec2<double> weight_of_the_arm(const Vec2<float>& q) {
   return {9.8 * (0.4 * 0.09 + 0.3 * 0.2) * first + elbow, elbow};
 }
 
+/// Acceleration of the arm's joints, rad/s2, by torque beyond that weight, from rest.
+inline Vec2<double> answer_of_the_arm(const Vec2<float>& q, const Vec2<double>& torque) {
+  const double coupled = 0.3 * 0.2 * 0.07 * std::cos(static_cast<double>(q[1]));
+  const double outer = 1e-3 + 0.3 * 0.07 * 0.07, both = outer + coupled;
+  const double whole = 2e-3 + 0.4 * 0.09 * 0.09 + 0.3 * 0.2 * 0.2 + outer + 2 * coupled;
+  return Vec2<double>(outer * torque[0] - both * torque[1], whole * torque[1] - both * torque[0]) /
+         (whole * outer - both * both);
+}
+
 }  // namespace esmc::test

@@ -102,6 +102,19 @@ TYPED_TEST(ControllerEdges, AHaltBeginsWhereTheMechanismIs) {
   }
 }
 
+/// With no way to rest at all, a halt takes the torque away.
+TYPED_TEST(ControllerEdges, AWayToRestMayTakeASingleTick) {
+  for (const std::uint32_t ticks : {0U, 1U}) {
+    Alone<TypeParam> a;
+    a.config.halt_ticks = ticks;
+    a.start();
+    a.tick();
+    const auto r = a.tick(Command::halt);
+    EXPECT_EQ(r.state, ticks == 0 ? State::stopping : State::halting);
+    EXPECT_EQ(r.torque.norm() > 0, ticks > 0);
+  }
+}
+
 TYPED_TEST(ControllerEdges, AFaultThatHaltsBeginsTheHaltInItsTick) {
   Alone<TypeParam> a;
   a.config.halt_ticks = 50;

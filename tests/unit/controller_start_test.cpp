@@ -236,6 +236,52 @@ TEST(ControllerJoining, AfterItsEndAJoinIsNotLookedAt) {
   EXPECT_EQ(j.fault(), 0);
 }
 
+/// The reference turns back where the arm stands and is the fastest after the end of the join: at sin(72 deg)
+/// of its speed in the last point that is looked at, and at sin(76.5 deg) where the join ends.
+TEST(ControllerJoining, TheReferenceFromItsEndOnIsNotLookedAt) {
+  for (const double share : {0.965, 0.95}) {
+    Joining j(Vec2<float>(-0.1F, 0.0F));
+    const double speed = turn / 0.16;
+    j.config.reference.amplitude = {0.1F, 0.0F};
+    j.config.reference.speed.setConstant(static_cast<float>(speed));
+    j.config.reference.phase[0] = {1ULL << 62U, static_cast<std::uint64_t>(0x1p64 / 160)};
+    j.config.join_ticks = 34;
+    j.config.limits.joint_speed = static_cast<float>(share * 0.1 * speed);
+    EXPECT_EQ(j.fault(), share > 0.96 ? 0 : 16);
+  }
+}
+
+TEST(ControllerJoining, AJoinOfASingleTickIsLookedAt) {
+  for (const std::uint32_t ticks : {0U, 1U}) {
+    Joining j(Vec2<float>::Zero());
+    j.config.join_ticks = ticks;
+    j.config.torque_limit[0] = static_cast<float>(weight_of_the_arm(j.now.angle)[0] * 0.999);
+    EXPECT_EQ(j.fault(), ticks);
+  }
+}
+
+/// The elbow's motor turns its own rotor too.
+TEST(ControllerJoining, TheRotorAtTheElbowNeedsTorque) {
+  constexpr double duration = 0.17, rotor = 0.01, bar = 1e-3 + 0.3 * 0.07 * 0.07, friction = 0.01;
+  for (const int n : {1, 2, 3}) {
+    const double u = n / 17.0, v = 1 - u;
+    const double way = 0.5 * u * u * u * (10 - 15 * u + 6 * u * u),
+                 speed = 0.5 / duration * 30 * u * u * v * v,
+                 acceleration = 0.5 / (duration * duration) * 60 * u * v * (v - u);
+    for (const double share : {0.999, 1.001}) {
+      Joining j(Vec2<float>(0.0F, 0.5F));
+      j.config.mechanism = Arm({{0.2F, 0.15F, 0.09F, 0.07F, 0.4F, 0.3F, 2e-3F, 1e-3F, 0.01F, 0.01F, 0.0F,
+                                 0.0F, 0.0F, 0.0F, static_cast<float>(rotor)},
+                                9.8F});
+      j.config.join_ticks = 170;
+      const Vec2<float> there(j.now.angle[0], j.now.angle[1] + static_cast<float>(way));
+      const double needed = (bar + rotor) * acceleration + friction * speed + weight_of_the_arm(there)[1];
+      j.config.torque_limit[1] = static_cast<float>(needed * share);
+      EXPECT_EQ(j.fault(), share < 1 ? n : n + 1);
+    }
+  }
+}
+
 TEST(ControllerJoining, WhereItCannotBeJoinedNothingIsDesired) {
   Joining j(Vec2<float>(0.5F, 0.0F));
   j.config.limits.join_acceleration = 1e-6F;
@@ -266,6 +312,27 @@ TEST(ControllerBegins, ASignTestKeepsToTheLimits) {
   EXPECT_NEAR(r.torque[1], weight_of_the_arm(a.now.angle)[1], 1e-5);
   a.now.angle[1] += 0.02F;
   EXPECT_EQ(a.tick().fault, Fault::joint_angle);
+}
+
+/// It begins to run where each joint has answered a twentieth of the limit of its own motor.
+TEST(ControllerBegins, AnArmThatAnswersPassesTheSignTest) {
+  Alone<Arm> a;
+  a.config.sign_test_move = 0.01F;
+  a.config.torque_limit = {3.0F, 2.0F};
+  Vec2<double> angle = a.now.angle.cast<double>(), rate(0, 0), most(0, 0);
+  auto r = a.start();
+  for (int n = 0; n < 1000 && r.state == State::testing; ++n, r = a.tick()) {
+    const Vec2<double> push = r.torque.cast<double>() - weight_of_the_arm(a.now.angle);
+    most = most.cwiseMax(push.cwiseAbs());
+    const Vec2<double> faster = answer_of_the_arm(a.now.angle, push) * 1e-3;
+    angle += (rate + faster / 2) * 1e-3;
+    rate += faster;
+    a.now.angle = angle.cast<float>();
+    a.now.rate = rate.cast<float>();
+  }
+  EXPECT_EQ(r.state, State::running) << name(r.fault);
+  EXPECT_NEAR(most[0], 0.05 * 3.0, 1e-5);
+  EXPECT_NEAR(most[1], 0.05 * 2.0, 1e-5);
 }
 
 // ---- set points

@@ -201,6 +201,16 @@ TEST(CycleSamples, TheFirstStatusTellsWhetherTheZeroIsKnown) {
 
 // ---- frames of the link that waited
 
+/// Behind the last frame that a tick reads may be others, which nobody knows.
+TEST(CycleSamples, ATickThatReads1024FramesIsFlooded) {
+  for (const unsigned frames : {1023U, 1024U}) {
+    Bench b;
+    ASSERT_TRUE(b.start());
+    for (unsigned n = b.axes(); n < frames; ++n) b.bus.push({.id = 0x7F0});
+    EXPECT_EQ(b.tick().fault, frames == 1024 ? Fault::bus_overload : Fault::none);
+  }
+}
+
 TEST(CycleSamples, AnOrderThatWaitedIsOlderByTheTicksThatItWaited) {
   for (const auto& [ticks, obeyed] : {std::pair{0U, true}, {80U, true}, {101U, false}, {2'000'000U, false}}) {
     Bench b;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 
+#include "firmware/cycle/closure_projection.hpp"
 #include "firmware/cycle/part_implicit_coupled.hpp"
 #include "firmware/cycle/part_momentum_observer.hpp"
 #include "firmware/cycle/part_motor_map.hpp"
@@ -446,6 +447,74 @@ TEST(PartsOnFiveBars, TheCoupledStepKnowsTheEffector) {
     const double expected = column.dot(answer) * needed * std::min(share, 1.0) / c.sample_time;
     EXPECT_NEAR(acceleration[0] - without[0], expected, 1e-8 * (1 + std::abs(expected))) << share;
   }
+}
+
+// ---- four encoders
+
+/// Legs on the line through their bases, away from each other. All lengths are exact in binary.
+struct Stretched {
+  std::array<double, 4> bar;
+  [[nodiscard]] int odd_encoder(double allowed) const {
+    ControllerConfig<Five> c;
+    c.mechanism = Five({0.25, 0, 0, {{{bar[0], bar[1]}, {bar[2], bar[3]}}}});
+    c.limits.closure = allowed;
+    const Vec<double, 4> zero = Vec<double, 4>::Zero();
+    Estimate<Five> e;
+    const int joint = part::closure_projection(c, zero, zero, e);
+    EXPECT_EQ(e.closure, 0.5 + bar[0] + bar[1] + bar[2] + bar[3]);
+    return joint;
+  }
+};
+
+/// The first joint alone closes it to 1/16; the third one, to 15/16, comes the nearest after it.
+TEST(FusionEdges, WhoClosesToAQuarterIsBlamedIfAllOthersLeaveMoreThanHalf) {
+  const Stretched s{{1.0, 1.0, 0.5, 1.0625}};
+  EXPECT_EQ(s.odd_encoder(0.24), 0) << "not close enough";
+  EXPECT_EQ(s.odd_encoder(0.25), 1) << "just a quarter";
+  EXPECT_EQ(s.odd_encoder(1.874), 1);
+  EXPECT_EQ(s.odd_encoder(1.875), 0) << "just half";
+}
+
+TEST(FusionEdges, NobodyIsBlamedForAGapThatIsAllowed) {
+  const Stretched s{{0.75, 0.25, 0.125, 0.125}};
+  EXPECT_EQ(s.odd_encoder(1.74), 1);
+  EXPECT_EQ(s.odd_encoder(1.75), 0) << "just the limit";
+}
+
+/// That is far below the step of an encoder: a third one would cost its time for nothing.
+TEST(FusionEdges, TwoStepsCloseFiveMillimetresToLessThanAMicrometre) {
+  ControllerConfig<Five> c;
+  c.mechanism = five_bar();
+  c.limits.closure = 0.01;
+  Five::Pose p;
+  ASSERT_TRUE(c.mechanism.forward(base, 1, p));
+  const auto angles_of_leg = [&p](int j) {
+    const V inner = p.leg[j].axis[0], outer = p.leg[j].axis[1];
+    const double first = std::atan2(inner[1], inner[0]);
+    return V(first, std::atan2(outer[1], outer[0]) - first);
+  };
+  Vec<double, 4> readings;
+  readings << angles_of_leg(0) + V(0.016, -0.032), angles_of_leg(1) + V(0.024, 0.032);
+  Estimate<Five> e;
+  EXPECT_EQ(part::closure_projection(c, readings, Vec<double, 4>::Zero().eval(), e), 0);
+  EXPECT_NEAR(e.closure, 5e-3, 5e-4);
+  const double left = c.mechanism.closure_residual(e.pose).norm();
+  EXPECT_LT(left, 1e-6);
+  EXPECT_GT(left, 1e-9);
+}
+
+/// To first order the turns close the gap, whatever lies in memory behind the variances.
+TEST(FusionEdges, TheTurnsOfFourJointsCloseTheGap) {
+  const Five m = five_bar();
+  Five::Pose p;
+  ASSERT_TRUE(m.forward(base, 1, p));
+  const struct {
+    Vec<double, 4> variance{1.0, 2.0, 0.5, 1.5};
+    double behind = std::numeric_limits<double>::quiet_NaN();
+  } memory;
+  const part::Closure<double> closure(m, p, memory.variance);
+  const V gap(3e-3, -2e-3);
+  EXPECT_LT((closure.rate(closure.correction(gap)) + gap).norm(), 1e-15);
 }
 
 }  // namespace
