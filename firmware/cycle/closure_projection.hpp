@@ -14,8 +14,9 @@ class Closure {
     unroll<2>([&](auto j) ESMC_INLINE {
       const S sign = j == 0 ? S(1) : S(-1);
       const Vec2<S> tip = m.leg(j).tip(p.leg[j]);
-      column_[2 * j] = m.frame(j).from_leg(perp(tip)) * sign;
-      column_[2 * j + 1] = m.frame(j).from_leg(perp(p.leg[j].axis[1])) * (sign * m.leg(j).body(1).length);
+      constexpr int base = 2 * j;
+      column_[base] = m.frame(j).from_leg(perp(tip)) * sign;
+      column_[base + 1] = m.frame(j).from_leg(perp(p.leg[j].axis[1])) * (sign * m.leg(j).body(1).length);
     });
     S xx(0), xy(0), yy(0);
     for (int i = 0; i < 4; ++i) {
@@ -65,8 +66,7 @@ template <class S>
   const Vec2<S> target =
       m.frame(leg).point_to_leg(m.frame(other).point_from_leg(m.leg(other).tip(p.leg[other])));
   const Vec2<S> arm = tip - joint, wanted = target - joint;
-  const S left = square_root(dot(wanted, wanted)) - square_root(dot(arm, arm));
-  return left < S(0) ? -left : left;
+  return magnitude(square_root(dot(wanted, wanted)) - square_root(dot(arm, arm)));
 }
 
 /// 1 + the only joint whose angle alone can close the gap to `allowed` / 4 (m) while every other joint leaves
