@@ -41,7 +41,7 @@ inline constexpr Cost costs_float[] = {
     {"motor_map", 596, 512},
     {"momentum_observer", 1845, 3592},
     {"predictor", 4031, 3760},
-    {"closure_projection", 2578, 2432},
+    {"closure_projection", 2578, 2424},
     {"four_motors", 4314, 9632},
     // <!-- /costs mps2-an386 -->
 };
@@ -58,7 +58,7 @@ inline constexpr Cost costs_double[] = {
     {"motor_map", 668, 672},
     {"momentum_observer", 2756, 3584},
     {"predictor", 5351, 3048},
-    {"closure_projection", 2986, 1912},
+    {"closure_projection", 2986, 1904},
     {"four_motors", 4139, 9224},
     // <!-- /costs mps2-an500 -->
 };
