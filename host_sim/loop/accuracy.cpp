@@ -8,6 +8,7 @@
 #include <ctime>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/error.hpp"
@@ -17,7 +18,9 @@ namespace esmc::host {
 namespace {
 
 constexpr double inf = std::numeric_limits<double>::infinity();
-constexpr double margin = 2.0;      // of what was asked over the difference of two passes equally good
+// Of what was asked over the difference of two passes equally good, or from a better one.
+constexpr double margin = 2.0, better = 1.25;
+constexpr int rk4 = static_cast<int>(Between::rk4), dopri8 = static_cast<int>(Between::dopri8);
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
 constexpr double most_rows = 2e7;
@@ -65,28 +68,30 @@ class Search {
  private:
   [[nodiscard]] double rebound() const { return 0.01 * asked_; }
 
-  /// Passes of one step per tick, of rising order. Closed loop: every second one is recorded, better than the
-  /// rough one before, worse than that after it. Open loop: the rough one has error control, needs no ticks.
+  /// Passes of one step per tick, of rising order.
   bool agree_at_tick() {
-    const bool events = may_have_events(scene_.effects), many = asked_ < 1e-7;
-    const auto pass = [&](int order, bool recorded, double less) {
-      return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
-    };
-    constexpr int rk4 = static_cast<int>(Between::rk4), last = static_cast<int>(Between::dopri8);
-    if (scene_.closed_loop()) {  // Heun's method at once where events are located
-      int order = many ? last - 1 : (events || asked_ < 1e-4 ? rk4 - 1 : (asked_ < 1e-3 ? 1 : 0));
-      (void)pass(order, false, margin);
-      for (bool recorded = true; ++order <= last; recorded = !recorded)
-        if (pass(order, recorded, recorded ? 1.0 : 1.25)) return true;
-      return false;
-    }
-    (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, margin);
-    const std::optional<Pass> judge = last_;
-    for (int order = many ? last : rk4; order <= last; ++order) {
-      if (pass(order, true, margin)) return true;
-      if (order == rk4) last_ = judge;  // later ones are better than it may be
-    }
+    const bool many = asked_ < 1e-7, events = may_have_events(scene_.effects);
+    if (!scene_.closed_loop()) return agree_with_judge(many, events);
+    // Every second one is recorded, better than the rough one before, worse than that after it. Heun's method
+    // at once where events are located.
+    int order = many ? dopri8 - 1 : (events || asked_ < 1e-4 ? rk4 - 1 : (asked_ < 1e-3 ? 1 : 0));
+    (void)at_tick(order, false, 1.0);
+    for (bool recorded = true; ++order <= dopri8; recorded = !recorded)
+      if (at_tick(order, recorded, recorded ? 1.0 : better)) return true;
     return false;
+  }
+  /// Open loop: the judge has error control and needs no ticks. Each recorded pass is compared with it, and
+  /// with the one before.
+  bool agree_with_judge(bool many, bool events) {
+    (void)step({events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()}, false, 1.0);
+    judge_ = std::exchange(last_, std::nullopt);
+    for (int order = many ? dopri8 : rk4; order <= dopri8; ++order)
+      if (at_tick(order, true, 1.0)) return true;
+    judge_.reset();
+    return false;
+  }
+  bool at_tick(int order, bool recorded, double less) {
+    return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
   }
 
   /// Whether error control in the first ten ticks needs less than half the right-hand sides with Radau's
@@ -121,7 +126,6 @@ class Search {
   bool step(const Resolution& r, bool recorded, double less) {
     Scene s = scene_;
     s.resolution = r;
-    if (r.between == Between::semi_implicit_euler) s.step *= 0.5;
     if (!recorded && !last_ && asked_ >= 1e3 * nudge)
       s.start_angle[0] += nudge;  // the rest follows by closure
     Pass now;
@@ -144,14 +148,21 @@ class Search {
       return true;
     }
     bool met = false;
-    if (last_) {
+    if (last_ || judge_) {
       before_ = judged();
-      deviation_ = deviation(last_->rows, now.rows, width_);
+      deviation_ = last_ ? deviation(last_->rows, now.rows, width_) : Deviation{};
+      // Euler's error is at least three times that of the midpoint rule after it.
+      if (last_euler_) deviation_ = {0.5 * deviation_.end, 0.5 * deviation_.all};
+      if (judge_) {
+        const Deviation d = deviation(judge_->rows, now.rows, width_);
+        if (margin * d.end < deviation_.end) deviation_ = {margin * d.end, margin * d.all};
+      }
       const bool close = less * judged() <= asked_;
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
       met = close && (trajectory() || deviation_.all <= 100.0 * asked_ || agreed_);
       agreed_ = close;
     }
+    last_euler_ = r.between == Between::semi_implicit_euler;
     last_ = std::move(now);
     latest_ = std::move(s);
     if (met && doubtful(r)) refuse_if_ill_posed();
@@ -212,7 +223,7 @@ class Search {
   std::size_t width_;
   const RunPass& run_;
   std::clock_t begin_;
-  std::optional<Pass> last_;
+  std::optional<Pass> last_, judge_;
   std::optional<Scene> latest_;  // of last_
   Resolution chosen_;            // of the last recorded pass
   Effort effort_;                // of that one
@@ -220,7 +231,7 @@ class Search {
   double before_ = inf;
   long evaluations_ = 0;
   int passes_ = 0;
-  bool agreed_ = false, nudged_ = false, finite_ = false;
+  bool last_euler_ = false, agreed_ = false, nudged_ = false, finite_ = false;
   std::optional<Diverged> failure_;
 };
 
