@@ -106,15 +106,12 @@ bool CaseRunner::run_alone(std::uint64_t index, std::vector<Finished>& out) {
 }
 
 CaseRunner::CaseRunner(const SweepSpec& spec, const CaseScenes& scenes, const LaneKernel* kernel)
-    : spec_(&spec), scenes_(scenes), kernel_(kernel) {
-  for (const Vary& v : spec.vary) {
-    if (v.key.starts_with("reference.") || v.key == "control.rate_hz") one_reference_ = false;
-  }
-}
+    : spec_(&spec), scenes_(scenes), kernel_(kernel) {}
 
 void CaseRunner::run_together(std::vector<LaneJob>& jobs, std::vector<Finished>& out) {
   if (jobs.empty()) return;
   const auto begin = std::chrono::steady_clock::now();
+  share_reference(jobs, track_);
   run_lane_jobs(*kernel_, jobs, scores_);
   const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   for (std::size_t i = 0; i < jobs.size(); ++i) {
@@ -137,10 +134,9 @@ bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
     LaneJob job;
     job.index = index;
     job.bundle = bundle_;
-    job.track = track_;
     bool fits = kernel_ != nullptr;
     try {
-      fits = fits && make_lane_job(scenes_.at(index), spec_->wanted, one_reference_, job);
+      fits = fits && make_lane_job(scenes_.at(index), spec_->wanted, job);
     } catch (const InputError&) {
       fits = false;
     }
@@ -148,10 +144,7 @@ bool CaseRunner::run(const Package& package, std::vector<Finished>& out) {
       if (!run_alone(index, out)) return false;
       continue;
     }
-    if (one_reference_) {
-      bundle_ = job.bundle;
-      track_ = job.track;
-    }
+    bundle_ = job.bundle;
     auto group = std::find_if(groups_.begin(), groups_.end(), [&](const std::vector<LaneJob>& g) {
       return g.empty() || g.front().settings == job.settings;
     });

@@ -37,11 +37,10 @@ class CaseRunner {
   const SweepSpec* spec_;
   CaseScenes scenes_;
   const LaneKernel* kernel_;
-  bool one_reference_ = true;
   std::vector<std::vector<LaneJob>> groups_;  ///< of equal settings
   std::vector<LaneScore> scores_;
-  std::shared_ptr<const ReferenceBundle<double>> bundle_;  ///< of all cases, with one_reference_
-  std::shared_ptr<const std::vector<double>> track_;
+  std::shared_ptr<const ReferenceBundle<double>> bundle_;  ///< of the last case in a lane
+  SharedTrack track_;
 };
 
 }  // namespace esmc::host

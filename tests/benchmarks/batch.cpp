@@ -29,20 +29,19 @@ namespace {
 
 using Jobs = std::vector<host::LaneJob>;
 
-std::vector<Jobs> jobs_of(const host::SweepSpec& spec, std::size_t cases) {
+/// `track` must live as long as the jobs run.
+std::vector<Jobs> jobs_of(const host::SweepSpec& spec, std::size_t cases, host::SharedTrack& track) {
   host::CaseScenes scenes(spec);
   std::vector<Jobs> out;
   for (std::size_t i = 0; i < cases; ++i) {
     if (i % batch_lanes == 0) out.emplace_back();
     host::LaneJob job;
-    if (i > 0) {
-      job.bundle = out.front().front().bundle;
-      job.track = out.front().front().track;
-    }
-    if (!host::make_lane_job(scenes.at(i), spec.wanted, true, job))
+    if (i > 0) job.bundle = out.front().front().bundle;
+    if (!host::make_lane_job(scenes.at(i), spec.wanted, job))
       throw std::runtime_error("a case does not fit the lanes");
     out.back().push_back(job);
   }
+  for (Jobs& jobs : out) host::share_reference(jobs, track);
   return out;
 }
 
@@ -121,7 +120,8 @@ int trace(const F& work) {
 
 int trace_one(const char* file, bool yardstick) {
   const host::SweepSpec spec = host::read_sweep(file);
-  const Jobs jobs = jobs_of(spec, batch_lanes).front();
+  host::SharedTrack track;
+  const Jobs jobs = jobs_of(spec, batch_lanes, track).front();
   std::array<host::LaneCase, batch_lanes> cases;
   for (std::size_t i = 0; i < cases.size(); ++i) cases[i] = jobs[i].numbers;
   return trace([&](std::uint32_t ticks) {
@@ -160,7 +160,8 @@ int run(const char* file, std::size_t cases, int rounds) {
     return 0;
   }
   const host::SweepSpec spec = host::read_sweep(file);
-  const std::vector<Jobs> all = jobs_of(spec, cases);
+  host::SharedTrack track;
+  const std::vector<Jobs> all = jobs_of(spec, cases, track);
   const host::LaneSettings& s = all.front().front().settings;
   double lanes = std::numeric_limits<double>::max(), yardstick = lanes, rounded = lanes;
   std::array<double, 2> apart{};

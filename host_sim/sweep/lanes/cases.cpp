@@ -1,10 +1,15 @@
 #include "host_sim/sweep/lanes/cases.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
+#include <utility>
 
+#include "host_sim/controller/numbers.hpp"
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/plant/plant.hpp"
+#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 namespace {
@@ -42,6 +47,25 @@ bool fits_lanes(const Scene& s) {
          (s.reference.type != ReferenceType::hold || s.reference.position);
 }
 
+/// Every number that its motions depend on, to the last bit. A new field does not compile until it is here.
+std::vector<double> numbers_of(const ReferenceBundle<double>& b) {
+  const auto& [kind, space, centre, amplitude, speed, phase, unused, repeat_ticks] = b.reference;
+  std::vector<double> out;
+  put(out, kind, space, centre, amplitude, speed, repeat_ticks, b.join_ticks);
+  for (const PhaseClock& c : phase.items)
+    put(out, std::bit_cast<double>(c.start), std::bit_cast<double>(c.per_tick));
+  for (const auto& [start_tick, offset, curve] : b.path) {
+    put(out, start_tick, offset, curve.duration);
+    for (const Vec2<double>& c : curve.c.items) put(out, c);
+  }
+  return out;
+}
+bool same(const ReferenceBundle<double>& a, const ReferenceBundle<double>& b) {
+  if (a.path.size() != b.path.size()) return false;
+  const std::vector<double> of_a = numbers_of(a), of_b = numbers_of(b);
+  return std::memcmp(of_a.data(), of_b.data(), of_a.size() * sizeof(double)) == 0;
+}
+
 }  // namespace
 
 void fill_references(const LaneSettings& settings, const LaneCase* cases, int lanes, std::uint32_t first,
@@ -77,11 +101,12 @@ bool wants_base_errors(const std::vector<Objective>& wanted) {
       wanted, [](Objective o) { return o >= Objective::rms_rad && o <= Objective::settled_max_rad; });
 }
 
-bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
-                   LaneJob& out) {
+bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, LaneJob& out) {
   if (!fits_lanes(scene)) return false;
-  if (!out.bundle || !one_reference)
-    out.bundle = std::make_shared<const ReferenceBundle<double>>(make_reference(scene, Pacing::lockstep));
+  // What a reference depends on is known once it is made: a program is timed with model, limits and law.
+  auto bundle = make_reference(scene, Pacing::lockstep);
+  if (!out.bundle || !same(*out.bundle, bundle))
+    out.bundle = std::make_shared<const ReferenceBundle<double>>(std::move(bundle));
   const ControllerConfig<M> c = make_controller<M>(scene, Pacing::lockstep, *out.bundle);
   if (c.join_ticks > 0 || c.ramp_ticks > 0 || c.sign_test_move > 0.0) return false;
   if (c.reach != nullptr || c.observer != nullptr || c.predict != nullptr || c.correct != nullptr)
@@ -95,24 +120,27 @@ bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, boo
   s.ticks = tick_count(scene);
   put_steps(scene, s);
   s.base_errors = wants_base_errors(wanted);
-  s.one_reference = one_reference;
   LaneCase& n = out.numbers;
   n.controller = c;
   n.reference = JoinedReference<double>(c.reference, 0, c.sample_time);
   n.believed = believed_mechanism(scene);
   n.plant = scene.mechanism;
   s.true_lengths = same_lengths(n.believed, n.plant);
-  constexpr std::uint32_t longest_track = 1U << 16U;  // 3 MB
-  if (one_reference && s.ticks <= longest_track) {
-    if (!out.track || out.track->size() != std::size_t{6} * s.ticks) {
-      auto rows = std::make_shared<std::vector<double>>(std::size_t{6} * s.ticks);
-      fill_references(s, &n, 1, 0, s.ticks, rows->data());
-      out.track = std::move(rows);
-    }
-    s.track = out.track->data();
-  }
   put_start(scene, n);
   return true;
+}
+
+void share_reference(std::vector<LaneJob>& jobs, SharedTrack& track) {
+  LaneSettings& s = jobs.front().settings;
+  const auto& bundle = jobs.front().bundle;
+  s.one_reference = std::ranges::all_of(jobs, [&](const LaneJob& j) { return j.bundle == bundle; });
+  constexpr std::uint32_t longest_track = 1U << 16U;  // 3 MB
+  if (!s.one_reference || s.ticks > longest_track) return;
+  if (track.of != bundle || track.tick != s.tick || track.rows.size() != std::size_t{6} * s.ticks) {
+    track = {bundle, s.tick, std::vector<double>(std::size_t{6} * s.ticks)};
+    fill_references(s, &jobs.front().numbers, 1, 0, s.ticks, track.rows.data());
+  }
+  s.track = track.rows.data();
 }
 
 bool make_driven_job(const Scene& scene, std::uint32_t ticks, std::uint32_t every, LaneJob& out) {
@@ -133,7 +161,9 @@ void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, s
   for (std::size_t i = 0; i < lanes; ++i)
     cases.push_back(jobs[std::min(i, jobs.size() - 1)].numbers);  // the rest for nothing
   out.assign(lanes, {});
-  kernel.run(jobs.front().settings, cases.data(), out.data());
+  LaneSettings settings = jobs.front().settings;
+  settings.stop = &stop_requested();
+  kernel.run(settings, cases.data(), out.data());
   out.resize(jobs.size());
 }
 

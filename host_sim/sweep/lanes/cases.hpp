@@ -16,21 +16,31 @@ struct LaneJob {
   LaneSettings settings;
   LaneCase numbers;
   std::shared_ptr<const ReferenceBundle<double>> bundle;
-  std::shared_ptr<const std::vector<double>> track;
+};
+
+/// The rows of a reference at all ticks, for every group of lanes that follows it.
+struct SharedTrack {
+  std::shared_ptr<const ReferenceBundle<double>> of;
+  double tick = 0.0;  ///< s
+  std::vector<double> rows;
 };
 
 /// False where the scene has a part that lanes do not cover, as effects, joining, a ramp or a sign test.
-/// `wanted`: objectives; `one_reference`: no key of [reference] varies, and bundle and track that `out` has
-/// are used again. Sets all of `out` but the index. Throws InputError where robust gains are refused.
-[[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, bool one_reference,
-                                 LaneJob& out);
+/// `wanted`: objectives; a `bundle` that `out` has is kept where that of the scene has the same numbers. Sets
+/// all of `out` but the index. Throws InputError where robust gains are refused.
+[[nodiscard]] bool make_lane_job(const Scene& scene, const std::vector<Objective>& wanted, LaneJob& out);
+
+/// Lets a group of jobs with one bundle follow `track`, computed where it is not yet that of the bundle; it
+/// must live as long as they run. Without one bundle each lane follows its own.
+void share_reference(std::vector<LaneJob>& jobs, SharedTrack& track);
 
 /// The same for a mechanism under given torques of `ticks` ticks, N m, which the caller adds to `out.numbers`
 /// with the place of the states.
 [[nodiscard]] bool make_driven_job(const Scene& scene, std::uint32_t ticks, std::uint32_t every,
                                    LaneJob& out);
 
-/// Runs jobs of equal settings, 1 to kernel.lanes of them. `out[i].ok` = false: job i is to be run alone.
+/// Runs jobs of equal settings, 1 to kernel.lanes of them. `out[i].ok` = false: job i is to be run alone, or
+/// stop_requested() came in between.
 void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, std::vector<LaneScore>& out);
 
 /// Whether an objective of `wanted` is an error of the base joints.

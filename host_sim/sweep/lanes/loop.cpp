@@ -59,7 +59,7 @@ class LaneLoop {
 
   void run(LaneScore* out) {
     if (settings_.driven) {
-      for (std::uint32_t i = 0; i < settings_.ticks && !none(fine_); ++i) drive(i);
+      for (std::uint32_t i = 0; i < settings_.ticks && going_on(); ++i) drive(i);
       keep_state();
     } else {
       follow();
@@ -71,11 +71,15 @@ class LaneLoop {
   }
 
  private:
+  [[nodiscard]] bool going_on() {
+    if (settings_.stop != nullptr && settings_.stop->load(std::memory_order_relaxed)) fine_ = Mask(false);
+    return !none(fine_);
+  }
   /// All ticks under the controller.
   void follow() {
     constexpr std::uint32_t block = 64;
     alignas(64) std::array<double, static_cast<std::size_t>(block * 6 * n)> track;
-    for (std::uint32_t first = 0; first < settings_.ticks && !none(fine_); first += block) {
+    for (std::uint32_t first = 0; first < settings_.ticks && going_on(); first += block) {
       const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
       if (settings_.track != nullptr) {
         track_ = {settings_.track, 0, true};
