@@ -120,13 +120,38 @@ bool make_room(const std::string& name, toml::table& into, const toml::table& fr
   return false;
 }
 
+bool is_number(std::string_view key) { return key.find_first_not_of("0123456789") == std::string_view::npos; }
+
 /// Whether all keys of a table are numbers, as in legs.1.l1: they are entries of an array.
 bool numbered(const toml::node& node) {
   const toml::table* table = node.as_table();
   return table != nullptr && !table->empty() &&
-         std::all_of(table->begin(), table->end(), [](const auto& entry) {
-           return entry.first.str().find_first_not_of("0123456789") == std::string_view::npos;
-         });
+         std::all_of(table->begin(), table->end(), [](const auto& e) { return is_number(e.first.str()); });
+}
+/// Whether they may be types of entries, as in effects.encoder.bits.
+bool typed(const toml::node& node) {
+  const toml::table* table = node.as_table();
+  return table != nullptr && !table->empty() &&
+         std::all_of(table->begin(), table->end(), [](const auto& e) { return e.second.is_table(); });
+}
+
+/// The entry of an array that a key of an override means: counted from 1, or by its type.
+std::size_t entry_of(const toml::array& list, const std::string& key, const std::string& name,
+                     const toml::node& node) {
+  const auto refuse_key = [&](const std::string& what) {
+    throw InputError("", fmt::format("{}: '{}' has {}", *node.source().path, name, what));
+  };
+  if (is_number(key)) {
+    const std::size_t i = key.size() < 6 ? std::stoul(key) : 0;
+    if (i < 1 || i > list.size()) refuse_key(fmt::format("entries 1 to {}", list.size()));
+    return i - 1;
+  }
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const toml::table* entry = list[i].as_table();
+    if (entry != nullptr && (*entry)["type"].value<std::string>() == key) return i;
+  }
+  refuse_key(fmt::format("no entry of type '{}'", key));
+  return 0;
 }
 
 void merge_entries(toml::array& into, toml::table&& from, const std::string& name);
@@ -146,7 +171,7 @@ void merge(toml::table& into, toml::table&& from, const std::string& above = "")
     const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
     if (above == "mechanism") split_legs(into, key, node);
     if (toml::array* list = into.contains(key) ? into[key].as_array() : nullptr;
-        list != nullptr && numbered(node)) {
+        list != nullptr && (numbered(node) || typed(node))) {
       merge_entries(*list, std::move(*node.as_table()), name);
       continue;
     }
@@ -159,19 +184,16 @@ void merge(toml::table& into, toml::table&& from, const std::string& above = "")
   }
 }
 
-/// Entries of an array, counted from 1.
 void merge_entries(toml::array& into, toml::table&& from, const std::string& name) {
   for (auto&& [k, node] : from) {
-    const std::string index(k.str());
-    const std::size_t i = index.size() < 6 ? std::stoul(index) : 0;
-    if (i < 1 || i > into.size())
-      throw InputError("",
-                       fmt::format("{}: '{}' has entries 1 to {}", *node.source().path, name, into.size()));
-    if (toml::table* existing = into[i - 1].as_table(); existing != nullptr && node.is_table()) {
+    const std::size_t i = entry_of(into, std::string(k.str()), name, node);
+    if (toml::table* existing = into[i].as_table(); existing != nullptr && node.is_table()) {
       merge(*existing, std::move(*node.as_table()), name);
+    } else if (toml::array* list = into[i].as_array(); list != nullptr && numbered(node)) {
+      merge_entries(*list, std::move(*node.as_table()), name);  // points.2.1
     } else {
       node.visit([&](auto& value) {
-        into.replace(into.cbegin() + static_cast<std::ptrdiff_t>(i - 1), std::move(value));
+        into.replace(into.cbegin() + static_cast<std::ptrdiff_t>(i), std::move(value));
       });
     }
   }
@@ -318,12 +340,16 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
   require_shallow(text, name);
   try {
     toml::table root = toml::parse(text, name);
-    for (const std::string& set : sets) merge(root, parse_override(set));
+    merge_overrides(root, sets);
     return root;
   } catch (const toml::parse_error& e) {
     throw InputError(fmt::format("{}:{}", name, e.source().begin.line),
                      "not valid TOML: " + one_line(e.description()));
   }
+}
+
+void merge_overrides(toml::table& scene, const std::vector<std::string>& sets) {
+  for (const std::string& set : sets) merge(scene, parse_override(set));
 }
 
 std::string place(const toml::node& node, const std::string& file) {

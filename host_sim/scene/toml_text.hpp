@@ -19,6 +19,9 @@ toml::table parse_scene_file(const std::string& file, const std::vector<std::str
 toml::table parse_scene_text(const std::string& text, const std::string& name,
                              const std::vector<std::string>& sets);
 
+/// Merges overrides into a parsed scene, as parse_scene_text does.
+void merge_overrides(toml::table& scene, const std::vector<std::string>& sets);
+
 /// Place of a node, for messages: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 /// Returns `where`, followed by " with" and every other --set at or below `nodes`; null nodes are skipped.

@@ -4,15 +4,19 @@
 
 #include <algorithm>
 #include <charconv>
+#include <set>
+#include <span>
 #include <utility>
 
 #include "host_sim/error.hpp"
 #include "host_sim/scene/fields.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 namespace {
 
 constexpr std::string_view plant_prefix = "plant.";
+constexpr const char* key_characters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.";
 bool is_plant(const std::string& key) { return key.starts_with(plant_prefix); }
 std::string table_key(const std::string& key) {
   return is_plant(key) ? "mechanism." + key.substr(plant_prefix.size()) : key;
@@ -29,8 +33,8 @@ void set(Scene& s, double v) {
 }
 
 /// Numbers of a Scene that a sweep sets without reading the scene again, by their keys; those of legs
-/// besides. The reader checks their range and what CaseScenes::bind checks again: legs that can move, and the
-/// start.
+/// besides. In a scene that is settable() the reader checks their range and what CaseScenes::bind checks
+/// again: legs that can move, and the start.
 constexpr std::pair<std::string_view, void (*)(Scene&, double)> bindings[] = {
     {"mechanism.half_base", set<&FiveBarParams<double>::l0>},
     {"mechanism.effector_mass", set<&FiveBarParams<double>::m0>},
@@ -51,6 +55,15 @@ constexpr std::pair<std::string_view, void (*)(Scene&, double)> bindings[] = {
     {"reference.speed", set<&ReferenceScene::speed>},
     {"reference.phase", set<&ReferenceScene::phase>},
 };
+
+std::string override_of(const std::string& key, const SweepValue& v) {
+  if (key.find_first_not_of(key_characters) != std::string::npos)
+    throw InputError("", fmt::format("there is no '{}'", key));
+  toml::table value;
+  std::visit([&](const auto& x) { value.insert("v", x); }, v);
+  const std::string text = toml_text(value);  // v = VALUE, and the end of the line
+  return table_key(key) + "=" + text.substr(4, text.size() - 5);
+}
 
 Binding::Set setter_of(const std::string& name) {
   for (const auto& [key, set] : bindings) {
@@ -110,103 +123,92 @@ std::optional<std::size_t> entry(const std::string& part) {
   return n - 1;
 }
 
-/// leg = {...} for both legs, as two equal ones.
-void spell_out_legs(toml::table& mechanism) {
-  if (mechanism.get("leg") == nullptr || mechanism["leg"].as_table() == nullptr) return;
-  const toml::table leg = *mechanism["leg"].as_table();
-  mechanism.erase("leg");
-  mechanism.insert_or_assign("legs", toml::array{leg, leg});
-}
-
-toml::node* child(toml::node& of, const std::string& part) {
-  if (toml::table* t = of.as_table()) return t->get(part);
-  toml::array* a = of.as_array();
+/// The node of a part of a key: an effect goes by its type, entries of lists count from 1.
+const toml::node* child(const toml::node* of, const std::string& part) {
+  if (of == nullptr || of->is_table()) return of != nullptr ? of->as_table()->get(part) : nullptr;
+  const toml::array* a = of->as_array();
   if (a == nullptr) return nullptr;
   if (const auto n = entry(part)) return *n < a->size() ? a->get(*n) : nullptr;
-  for (toml::node& item : *a) {  // effects.TYPE
+  for (const toml::node& item : *a) {
     const toml::table* t = item.as_table();
     if (t != nullptr && (*t)["type"].value<std::string>() == part) return &item;
   }
   return nullptr;
 }
 
-/// The node that holds the last part of a key; tables on the way are made.
-toml::node& holder(toml::table& root, const std::vector<std::string>& parts, const std::string& key) {
-  if (parts.size() > 2 && parts[0] == "mechanism" && parts[1] == "legs" &&
-      root["mechanism"].as_table() != nullptr)
-    spell_out_legs(*root["mechanism"].as_table());
-  toml::node* at = &root;
-  for (std::size_t i = 0; i + 1 < parts.size(); ++i) {
-    toml::node* next = child(*at, parts[i]);
-    if (next == nullptr && at->as_table() != nullptr) {
-      at->as_table()->insert_or_assign(parts[i], toml::table{});
-      next = at->as_table()->get(parts[i]);
-    }
-    if (next == nullptr)
-      throw InputError("", fmt::format("the scene has no {} to go into for '{}'", parts[i], key));
-    at = next;
-  }
-  return *at;
-}
-
-void put(toml::table& root, const std::string& key, const SweepValue& v) {
-  const auto parts = parts_of(table_key(key));
-  toml::node& at = holder(root, parts, key);
-  if (toml::table* t = at.as_table()) {
-    std::visit([&](const auto& x) { t->insert_or_assign(parts.back(), x); }, v);
-  } else if (toml::array* a = at.as_array();
-             a != nullptr && entry(parts.back()) && *entry(parts.back()) < a->size()) {
-    std::visit(
-        [&](const auto& x) {
-          a->replace(a->cbegin() + static_cast<std::ptrdiff_t>(*entry(parts.back())), x);
-        },
-        v);
-  } else {
-    throw InputError("", fmt::format("the scene has no '{}'", key));
-  }
-}
-
-double nominal_number(toml::table root, const Vary& v) {
+double nominal_number(const toml::table& root, const Vary& v) {
   const auto parts = parts_of(table_key(v.key));
-  toml::node* node = child(holder(root, parts, v.key), parts.back());
+  const toml::node* node = &root;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const toml::node* next = child(node, parts[i]);
+    if (next == nullptr && parts[i] == "legs") {  // one for both
+      next = child(node, "leg");
+      ++i;
+    }
+    node = next;
+  }
   if (node == nullptr || !node->is_number())
     throw InputError(v.where, fmt::format("'{}' has a factor, but the scene gives no number there", v.key));
   return *node->value<double>();
 }
 
+/// Whether the reader checks no more of the numbers that can be set than bind() does, and derives no more
+/// from them.
+bool settable(const Scene& s) {
+  return !s.believed && !s.uncertainty && !s.command && !has_elbow_rotors(s.mechanism) &&
+         !find_effect<EndStops>(s.effects) && s.reference.type != ReferenceType::program && !s.predictor &&
+         !(s.disturbance_observer > 0.0) && s.reaching != ReachingChoice::super_twisting;
+}
+
+/// Whether all bars of a mechanism can move, also as the factors of the controller's model have them, without
+/// the rotors that may be all their inertia.
+bool movable(const Scene& s, const FiveBarParams<double>& p) {
+  for (std::size_t j = 0; j < p.legs.size(); ++j) {
+    LegParams<double> leg = p.legs[j];
+    if (s.rotor_inertia[j] > 0.0) leg.J1 = 0.0;
+    if (check(leg) != ParamError::none) return false;
+    for (const LegKey& k : std::span(leg_keys).last<4>()) leg.*k.value *= s.model.*k.factor;
+    if (check(leg) != ParamError::none) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 struct CaseScenes::Tables {
-  toml::table scene;
+  toml::table file;
   Scene nominal;
-  bool assembly_mode_given = false;
 };
 
 CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
+  refuse_overlaps(spec.vary);
   auto tables = std::make_shared<Tables>();
-  tables->scene = parse_scene_file(spec.scene, spec.sets);
-  tables->nominal = read_scene_table(tables->scene, spec.scene);
-  tables->assembly_mode_given = tables->scene["mechanism"]["assembly_mode"].is_string();
+  const toml::table whole = parse_scene_file(spec.scene, spec.sets);
+  tables->file = parse_scene_file(spec.scene, {});
+  tables->nominal = read_scene_table(whole, spec.scene);
   tables_ = tables;
   const Scene& nominal = tables->nominal;
+  assembly_mode_given_ = whole["mechanism"]["assembly_mode"].is_string();
   for (std::size_t a = 0; a < spec.vary.size(); ++a) {
     const Vary& v = spec.vary[a];
     const Axis& axis = spec.design.axes()[a];
     Bound b;
     b.plant = is_plant(v.key);
     any_plant_ = any_plant_ || b.plant;
-    if (v.factor) b.nominal = nominal_number(tables->scene, v);
+    assembly_mode_given_ = assembly_mode_given_ || v.key == "mechanism.assembly_mode";
+    if (v.factor) b.nominal = nominal_number(whole, v);
     const bool numbers = std::all_of(v.values.begin(), v.values.end(), [](const SweepValue& x) {
       return std::holds_alternative<double>(x) || std::holds_alternative<std::int64_t>(x);
     });
     if (numbers) b.binding = find_binding(v.key, nominal);
     bound_.push_back(b);
     any_mechanism_ = any_mechanism_ || (b.binding.set != nullptr && !v.key.starts_with("control."));
-    // Of a value per case bind() checks the range; a case that it refuses is impossible, not the axis.
-    const std::size_t tried = axis.in_order && b.binding.set != nullptr ? 1 : v.values.size();
-    for (std::size_t i = 0; i < tried; ++i) try_value(a, v.values[i]);
-    if (v.values.empty()) {
+    if (axis.in_order) {
+      try_some(a);
+    } else if (v.values.empty()) {
       for (const double x : {axis.from, axis.to}) try_value(a, v.factor ? x * b.nominal : x);
+    } else {
+      for (const SweepValue& x : v.values) try_value(a, x);
     }
   }
 }
@@ -215,21 +217,35 @@ const Scene& CaseScenes::nominal() const { return tables_->nominal; }
 
 void CaseScenes::read_always() {
   for (Bound& b : bound_) b.binding.set = nullptr;
-  any_mechanism_ = false;
-  base_.reset();
+  read_for_.reset();
 }
 
 /// A value on its own, before thousands of cases meet it.
 void CaseScenes::try_value(std::size_t axis, const SweepValue& x) const {
   const Vary& v = spec_->vary[axis];
   try {
-    toml::table table = tables_->scene;
-    put(table, v.key, x);
-    const Scene s = read_scene_table(std::move(table), spec_->scene);
-    refuse_bus_effects(s, "esmc sweep has no bus");
+    (void)read_with({override_of(v.key, x)});
   } catch (const InputError& e) {
     throw InputError(v.where, fmt::format("{} = {}: {}", v.key, text_of(x), e.what()));
   }
+}
+
+/// Of a value per case one that is refused makes its case impossible, wherever it stands. Where all of them
+/// are, or the first thousand in their order, the key is wrong.
+void CaseScenes::try_some(std::size_t axis) const {
+  const std::vector<SweepValue>& values = spec_->vary[axis].values;
+  const std::set<SweepValue> different(values.begin(), values.end());
+  std::optional<InputError> first;
+  std::size_t tried = 0;
+  for (const SweepValue& x : different) {
+    try {
+      return try_value(axis, x);
+    } catch (const InputError& e) {
+      if (!first) first = e;
+    }
+    if (++tried == 1000) break;
+  }
+  if (first) throw *first;
 }
 
 SweepValue CaseScenes::value(std::uint64_t index, std::size_t axis) const {
@@ -256,70 +272,78 @@ double CaseScenes::number(std::uint64_t index, std::size_t axis) const {
   return spec_->vary[axis].factor ? x * bound_[axis].nominal : x;
 }
 
-/// base_: the scene with everything that is not bound.
-void CaseScenes::read(std::uint64_t index) {
-  std::vector<SweepValue> values;
-  for (std::size_t a = 0; a < bound_.size(); ++a) {
-    if (bound_[a].binding.set != nullptr) continue;
-    values.push_back(spec_->vary[a].factor ? SweepValue(number(index, a)) : value(index, a));
-  }
-  if (base_ && values == read_for_) return;
-  base_.reset();
-  toml::table table = tables_->scene;
-  bool plant = false;
-  const auto fill = [&](bool of_plant) {
-    std::size_t next = 0;
-    for (std::size_t a = 0; a < bound_.size(); ++a) {
-      if (bound_[a].binding.set != nullptr) continue;
-      const SweepValue& v = values[next++];
-      plant = plant || bound_[a].plant;
-      if (bound_[a].plant == of_plant) put(table, spec_->vary[a].key, v);
-    }
-  };
-  fill(false);
-  Scene scene = read_scene_table(table, spec_->scene);
-  if (plant) {
-    const FiveBarParams<double> believed = scene.believed.value_or(scene.mechanism);
-    fill(true);
-    scene = read_scene_table(std::move(table), spec_->scene);
-    scene.believed = believed;
-  }
-  base_ = std::move(scene);
-  read_for_ = std::move(values);
+Scene CaseScenes::read_with(const std::vector<std::string>& own) const {
+  toml::table table = tables_->file;
+  merge_overrides(table, spec_->sets);
+  merge_overrides(table, own);
+  Scene scene = read_scene_table(std::move(table), spec_->scene);
+  refuse_bus_effects(scene, "esmc sweep has no bus");
+  return scene;
 }
 
-void CaseScenes::bind(std::uint64_t index, Scene& scene) const {
-  const auto set = [&](std::size_t a) {
-    const Binding& b = bound_[a].binding;
-    const double x = number(index, a);
-    if (!(x <= b.high) || (b.low_open ? !(x > b.low) : !(x >= b.low)))
-      throw InputError(spec_->vary[a].where, spec_->vary[a].key + " is out of range");
-    b.set(scene, x);
-    if (scene.believed && !bound_[a].plant) {
-      std::swap(scene.mechanism, *scene.believed);
-      b.set(scene, x);
-      std::swap(scene.mechanism, *scene.believed);
-    }
-  };
-  for (const bool of_plant : {false, true}) {
-    if (of_plant && any_plant_ && !scene.believed) scene.believed = scene.mechanism;
+/// The scene of a case as a single run reads it, with all keys or without those that can be set.
+Scene CaseScenes::read(std::uint64_t index, bool all) const {
+  std::vector<std::string> own;
+  const auto add = [&](bool of_plant) {
+    const std::size_t before = own.size();
     for (std::size_t a = 0; a < bound_.size(); ++a) {
-      if (bound_[a].binding.set != nullptr && bound_[a].plant == of_plant) set(a);
+      if (bound_[a].plant != of_plant || !(all || bound_[a].binding.set == nullptr)) continue;
+      own.push_back(override_of(spec_->vary[a].key,
+                                spec_->vary[a].factor ? SweepValue(number(index, a)) : value(index, a)));
+    }
+    return own.size() > before;
+  };
+  add(false);
+  Scene scene = read_with(own);
+  if (!add(true)) return scene;
+  const FiveBarParams<double> believed = scene.believed.value_or(scene.mechanism);
+  scene = read_with(own);
+  scene.believed = believed;
+  return scene;
+}
+
+/// Sets the numbers of a case in its base. False: the reader is to say whether there is such a scene.
+bool CaseScenes::bind(std::uint64_t index, Scene& scene) const {
+  for (const bool of_plant : {false, true}) {
+    if (of_plant && any_plant_) scene.believed = scene.mechanism;
+    for (std::size_t a = 0; a < bound_.size(); ++a) {
+      const Binding& b = bound_[a].binding;
+      if (b.set == nullptr || bound_[a].plant != of_plant) continue;
+      const double x = number(index, a);
+      if (!(x <= b.high) || (b.low_open ? !(x > b.low) : !(x >= b.low))) return false;
+      b.set(scene, x);
     }
   }
-  if (!any_mechanism_) return;
-  for (const LegParams<double>& leg : scene.mechanism.legs) {
-    if (check(leg) == ParamError::no_inertia)
-      throw InputError(spec_->scene, "a bar without mass and inertia cannot move");
-  }
-  if (!tables_->assembly_mode_given) scene.assembly_mode = 0;
+  if (!movable(scene, scene.mechanism) || (scene.believed && !movable(scene, *scene.believed))) return false;
+  if (!any_mechanism_) return true;
+  if (!assembly_mode_given_) scene.assembly_mode = 0;
   set_start(scene, scene.control_where, scene.reference_where);
+  return true;
+}
+
+/// Makes scene_ of a case from what was read for the last one. False: that is not enough.
+bool CaseScenes::set_numbers(std::uint64_t index) {
+  std::vector<SweepValue> values;
+  bool any = false;
+  for (std::size_t a = 0; a < bound_.size(); ++a) {
+    if (bound_[a].binding.set == nullptr) values.push_back(value(index, a));
+    any = any || bound_[a].binding.set != nullptr;
+  }
+  if (!read_for_ || values != *read_for_) {
+    base_.reset();
+    read_for_ = std::move(values);
+    try {
+      base_ = read(index, false);
+    } catch (const InputError&) {  // perhaps not without the others
+    }
+    if (any && base_ && !settable(*base_)) base_.reset();
+  }
+  scene_ = base_;
+  return base_ && (!any || bind(index, *scene_));
 }
 
 const Scene& CaseScenes::at(std::uint64_t index) {
-  read(index);
-  scene_ = base_;
-  bind(index, *scene_);
+  if (!set_numbers(index)) scene_ = read(index, true);
   scene_->seed = seed(index);
   return *scene_;
 }

@@ -22,8 +22,8 @@ struct Binding {
 /// Scenes of a specification, one at a time. Not for several threads at once: each takes a copy.
 ///
 /// Keys "plant...." change the true mechanism alone; the controller's model stays that of [mechanism] and
-/// control.model. A key that is one number of the Scene is set there; for any other the scene is read again,
-/// which takes some 100 times as long.
+/// control.model. A key that is one number of the Scene is set there; for any other, and wherever other parts
+/// of the scene depend on such a number, the scene is read again, which takes some 100 times as long.
 class CaseScenes {
  public:
   /// Reads the scene of `spec`, which must outlive this and its copies, and tries the ends or the values of
@@ -52,17 +52,21 @@ class CaseScenes {
     bool plant = false;
   };
   [[nodiscard]] double number(std::uint64_t index, std::size_t axis) const;
-  void read(std::uint64_t index);
-  void bind(std::uint64_t index, Scene& scene) const;
+  [[nodiscard]] Scene read_with(const std::vector<std::string>& own) const;
+  [[nodiscard]] Scene read(std::uint64_t index, bool all) const;
+  [[nodiscard]] bool bind(std::uint64_t index, Scene& scene) const;
+  [[nodiscard]] bool set_numbers(std::uint64_t index);
   void try_value(std::size_t axis, const SweepValue& v) const;
+  void try_some(std::size_t axis) const;
 
   const SweepSpec* spec_;
   std::shared_ptr<const Tables> tables_;
   std::vector<Bound> bound_;
   bool any_mechanism_ = false;  ///< of the bound ones: the start has to be computed again
   bool any_plant_ = false;      ///< a key changes the true mechanism alone
-  std::optional<Scene> base_, scene_;
-  std::vector<SweepValue> read_for_;  ///< the values that base_ was read for
+  bool assembly_mode_given_ = false;
+  std::optional<Scene> base_, scene_;  ///< base_: with all keys but the bound ones; null: read each case
+  std::optional<std::vector<SweepValue>> read_for_;  ///< what base_ was read for
 };
 
 }  // namespace esmc::host

@@ -196,6 +196,29 @@ void read_objectives(Table& root, SweepSpec& spec) {
   }
 }
 
+std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
+  const toml::node* list = root.get("vary");
+  const toml::array* tables = list != nullptr ? list->as_array() : nullptr;
+  if (tables == nullptr || tables->empty() || tables->size() > most_axes)
+    root.wrong("vary", fmt::format("1 to {} tables [[vary]]", most_axes));
+  std::vector<Axis> axes;
+  for (const toml::node& node : *tables) {
+    if (node.as_table() == nullptr) root.wrong("vary", "tables [[vary]]");
+    Table t(*node.as_table(), spec.file, "vary");
+    Vary v;
+    v.key = t.text("key").value_or("");
+    v.where = t.where();
+    if (v.key.empty())
+      t.wrong("key",
+              "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
+    Axis axis;
+    read_axis(t, method, v, axis);
+    spec.vary.push_back(std::move(v));
+    axes.push_back(axis);
+  }
+  return axes;
+}
+
 /// The entries that a key sets: `leg` stands for both legs.
 std::vector<std::string> places_of(const std::string& key) {
   for (const char* side : {"mechanism.", "plant."}) {
@@ -219,35 +242,19 @@ bool overlap(const std::string& a, const std::string& b) {
   return false;
 }
 
-std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
-  const toml::node* list = root.get("vary");
-  const toml::array* tables = list != nullptr ? list->as_array() : nullptr;
-  if (tables == nullptr || tables->empty() || tables->size() > most_axes)
-    root.wrong("vary", fmt::format("1 to {} tables [[vary]]", most_axes));
-  std::vector<Axis> axes;
-  for (const toml::node& node : *tables) {
-    if (node.as_table() == nullptr) root.wrong("vary", "tables [[vary]]");
-    Table t(*node.as_table(), spec.file, "vary");
-    Vary v;
-    v.key = t.text("key").value_or("");
-    v.where = t.where();
-    if (v.key.empty())
-      t.wrong("key",
-              "a key of the scene, \"control.gain\", or of the true mechanism alone, \"plant.leg.m1\"");
-    for (const Vary& other : spec.vary) {
-      if (other.key == v.key) t.fail(fmt::format("'{}' varies twice, first at {}", v.key, other.where));
-      if (overlap(v.key, other.key))
-        t.fail(fmt::format("'{}' sets what '{}' at {} sets, too", v.key, other.key, other.where));
-    }
-    Axis axis;
-    read_axis(t, method, v, axis);
-    spec.vary.push_back(std::move(v));
-    axes.push_back(axis);
-  }
-  return axes;
-}
-
 }  // namespace
+
+void refuse_overlaps(const std::vector<Vary>& vary) {
+  for (auto v = vary.begin(); v != vary.end(); ++v) {
+    for (auto other = vary.begin(); other != v; ++other) {
+      if (other->key == v->key)
+        throw InputError(v->where, fmt::format("'{}' varies twice, first at {}", v->key, other->where));
+      if (overlap(v->key, other->key))
+        throw InputError(
+            v->where, fmt::format("'{}' sets what '{}' at {} sets, too", v->key, other->key, other->where));
+    }
+  }
+}
 
 std::string text_of(const SweepValue& v) {
   return std::visit([](const auto& x) { return fmt::format("{}", x); }, v);

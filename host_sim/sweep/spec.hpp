@@ -77,6 +77,9 @@ struct SweepSpec {
   std::vector<std::vector<std::size_t>> pareto;  ///< of the fronts: places in `wanted`
 };
 
+/// Throws InputError where two of them set the same key or parts of it.
+void refuse_overlaps(const std::vector<Vary>& vary);
+
 /// Reads the file of a sweep. Throws InputError naming file, line, key and what is allowed. Whether the scene
 /// has the keys is not checked here.
 [[nodiscard]] SweepSpec read_sweep(const std::string& file);
