@@ -233,7 +233,12 @@ void define_loop(py::module_& m) {
           "One tick of the sample time. angle, rate: of all joints, shape (joints,), rad and rad/s; those "
           "without a sensor are not used. command: none, stop, halt, reset.");
   py::class_<PythonPlant>(m, "Plant", "The true mechanism of a scene with its effects, without sensors.")
-      .def(py::init([](const PyScene& s) { return make_python_plant(s.scene); }), py::arg("scene"))
+      .def(py::init([](const PyScene& s, std::uint64_t seed) {
+             Scene seeded = s.scene;
+             seeded.seed = seed;
+             return make_python_plant(seeded);
+           }),
+           py::arg("scene"), py::arg("seed") = 1, "seed: of the jitter, as the result of a rollout has it.")
       .def(
           "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque, "torque")); },
           py::arg("torque"), "Advances by one tick under torque, shape (motors,), N m at the joint.")

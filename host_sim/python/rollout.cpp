@@ -61,6 +61,8 @@ RolloutResult result_of(const RolloutRequest& r, const CaseScenes& scenes) {
   return out;
 }
 
+constexpr const char* other_width = "other_width";  // of the torques; run_driven refuses it
+
 /// Driven cases, a group of lanes at a time.
 class Driver {
  public:
@@ -73,7 +75,12 @@ class Driver {
       LaneJob job;
       job.index = i;
       try {
-        if (!make_driven_job(scenes_.at(i), r_.ticks, r_.every, job) ||
+        const Scene& scene = scenes_.at(i);
+        if (static_cast<std::size_t>(scene.motors()) * r_.ticks != per_case_) {
+          out_.outcomes[i] = other_width;
+          continue;
+        }
+        if (!make_driven_job(scene, r_.ticks, r_.every, job) ||
             (!jobs_.empty() && !(jobs_.front().settings == job.settings))) {
           alone(i);
           continue;
@@ -170,6 +177,9 @@ RolloutResult run_driven(const RolloutRequest& r) {
     }
   });
   if (stop_requested()) throw Interrupted("interrupted");
+  if (const auto bad = std::ranges::find(out.outcomes, other_width); bad != out.outcomes.end())
+    refuse("torques: the case with index {} has another number of motors than the scene",
+           bad - out.outcomes.begin());
   return out;
 }
 

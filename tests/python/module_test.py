@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """The Python module against the command. usage: module_test.py ESMC MODULE_FOLDER [study] [CLASS[.TEST] ...]
 study: 1e6 runs for the memory, 1e5 arguments for the fuzzer"""
+import collections
 import concurrent.futures
 import contextlib
 import copy
@@ -11,6 +12,7 @@ import multiprocessing
 import os
 import pathlib
 import pickle
+import random
 import re
 import shutil
 import signal
@@ -19,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 import unittest
 
 ESMC, FOLDER = sys.argv[1], sys.argv[2]
@@ -61,6 +64,84 @@ def variants():
     for path in sorted(SCENES.glob("*.toml")):
         if path.name not in ("five_bar_circle.toml", "rr_line.toml"):
             yield str(path), [], "sim"
+
+
+def batch_scenes():
+    """Scenes for random batches, each with keys of its own. Of most a value moves more than the field that it sets: a plan, a belief, a rotor, a check."""
+    circle, program = short(CIRCLE, 0.04), short(SCENES / "five_bar_pick_and_place.toml", 0.04)
+    angle = esmc.Plant(circle).angle[[0, 2]]
+    stops = [{"type": "end_stops", "lower": list(angle - 1.0), "upper": list(angle + 0.02)}]
+    heavy = tomllib.loads(circle.toml)["mechanism"]
+    heavy["leg"]["m1"] = 0.12
+    legs = {"mechanism.legs.2.l1": (0.119, 0.121, 1e-3), "mechanism.legs.1.J2": (6e-4, 8e-4, -1.0)}
+    return [
+        (circle, {"reference.radius": (0.065, 0.072, 0.5), "reference.phase": (0.0, 1.0, 1e9), "reference.center.2": (0.168, 0.171, 9.0), **legs}),
+        (program.copy().set("effects", []), {"uncertainty.m1": (0.02, 0.08, 2.0), "reference.moves.2.to.2": (0.17, 0.178, 9.0), "mechanism.half_base": (0.049, 0.051, 0.0)}),
+        (circle.copy().set("control.predictor", True).set("control.delay_ticks", 1), {"control.predictor": [True, False]}),
+        (circle.copy().set("control.model.mechanism", heavy), {"mechanism.half_base": (0.0498, 0.0502, 0.0), "control.model.mechanism.leg.m1": (0.09, 0.12, -1.0)}),
+        (circle.copy().set("mechanism.rotor_inertia", [1e-4, 2e-4]), {"plant.rotor_inertia.1": (0.0, 1e-3, -1.0), "mechanism.rotor_inertia.2": (0.0, 1e-3, -1.0)}),
+        (circle.copy().set("mechanism.rotor_inertia", [1e-4, 2e-4, 1e-4, 2e-4]), {"mechanism.rotor_inertia.2": (0.0, 1e-3, -1.0)}),
+        (circle.copy().set("effects", stops), {"effects.end_stops.upper.1": (angle[0] + 1e-3, angle[0] + 0.03, angle[0] - 0.1), "reference.phase": (-0.02, 0.1, 2.0)}),
+        (circle.copy().set("effects", [{"type": "noise", "sigma": 1e-5}]).set("initial", {"joints": list(angle)}), {"initial.joints.1": (angle[0] - 0.02, angle[0], 9.0), "effects.noise.sigma": (0.0, 1e-4, -1.0)}),
+        (short(SCENES / "five_bar_super_twisting.toml", 0.04), {"effects.viscous_friction.coefficient.1": (0.0, 0.01, -1.0)}),
+        (short(SCENES / "five_bar_robust.toml", 0.04).set("control.gain", 80.0), {"mechanism.effector_mass": (0.0, 0.1, -1.0), "uncertainty.m1": (0.02, 0.08, 2.0)}),
+        (short(ARM, 0.04).set("mechanism.rotor_inertia", [0.02, 0.01]), {"mechanism.rotor_inertia.2": (0.0, 0.02, -1.0)}),
+    ]
+
+
+def random_parameters(draw, scene, own, n):
+    """1 to 4 keys with n values each, one in ten of them bad."""
+    leg = tomllib.loads(scene.toml)["mechanism"]["leg"]
+    keys = {"control.lambda": (20.0, 60.0, -1.0), "control.gain": (50.0, 150.0, -1.0), "control.layer": (0.01, 0.1, 0.0), "control.torque_limit": (1.2, 2.0, 0.0), "limits.joint_speed": (20.0, 90.0, 0.0),
+            "control.law": ["esmc", "smc", "ctc", "esmc_projected", "lqr"], "control.delay_ticks": [0.0, 1.0, 2.0, 1.64, -1.0], "control.rate_hz": [1000.0, 500.0, 0.0], "simulation.step": [1e-3, 5e-4, 0.0],
+            "mechanism.gravity": (9.0, 10.0, -1.0), "plant.gravity": (9.0, 10.0, -1.0), "control.model.m1": (0.9, 1.1, -1.0), "control.model.gravity": (0.9, 1.1, -1.0), "control.model.J2": (0.9, 1.1, 0.0)}
+    for side in ("mechanism", "plant"):
+        keys.update({f"{side}.leg.{name}": (0.98 * leg[name], 1.02 * leg[name], bad) for name, bad in (("m1", -1.0), ("m2", -1.0), ("J1", 0.0), ("J2", 0.0), ("l1", 1e-3))})
+    out = {}
+    for key in draw.sample(list(keys), draw.randrange(1, 4)) + draw.sample(list(own), draw.randrange(2)):
+        if ".legs." in key and any(".leg." in k for k in out) or ".leg." in key and any(".legs." in k for k in out):
+            continue  # they set the same, which is refused
+        how = keys.get(key) or own[key]
+        if isinstance(how, list):
+            out[key] = [draw.choice(how) for _ in range(n)]
+        else:
+            out[key] = [how[2] if draw.random() < 0.1 else draw.uniform(*how[:2]) for _ in range(n)]
+    return out
+
+
+def settings_of(scene, case):
+    """The scene with all settings of a case at once; None: it is refused. plant.: the controller believes the scene without it."""
+    def with_sets(s, more):
+        file, sets = s.__getstate__()
+        out = esmc.Scene.__new__(esmc.Scene)
+        out.__setstate__((file, sets + [f"{key}={json.dumps(v)}" for key, v in more.items()]))
+        return out
+    try:
+        out = with_sets(scene, {key: v for key, v in case.items() if not key.startswith("plant.")})
+        true = {"mechanism" + key[5:]: v for key, v in case.items() if key.startswith("plant.")}
+        if true and "mechanism" not in tomllib.loads(out.toml)["control"].get("model", {}):
+            out.set("control.model.mechanism", tomllib.loads(out.toml)["mechanism"])
+        return with_sets(out, true)
+    except esmc.InputError:
+        return None
+
+
+def single_run(scene, case, seed):
+    """Outcome and objectives of a case by `run`."""
+    alone = settings_of(scene, case)
+    try:
+        summary = esmc.run(alone, seed=seed).summary if alone else None
+    except esmc.InputError:
+        summary = None
+    except esmc.RunError:
+        return "diverged", {}
+    if summary is None:
+        return "impossible", {}
+    faults = summary["supervisor"]["faults"]
+    of = {"tracking": ["rms_m", "max_m", "settled_rms_m", "settled_max_m", "rms_rad", "max_rad", "settled_rms_rad", "settled_max_rad"], "torque": ["saturated_ticks"]}
+    figures = {name: summary[part].get(name) for part, names in of.items() for name in names}
+    figures.update(torque_max_nm=summary["torque"]["max_nm"], torque_activity_nm=summary["torque"]["mean_abs_delta_nm"])
+    return faults[0]["name"] if faults else "ok", {name: np.nan if v is None else v for name, v in figures.items()}
 
 
 class Runs(unittest.TestCase):
@@ -299,38 +380,73 @@ class Studies(unittest.TestCase):
                 np.testing.assert_array_equal(column, other[name])
         np.testing.assert_array_equal(results[0]["control.lambda"], values)
         self.assertEqual(set(results[0]["outcome"]), {"ok"})
-        plain = esmc.rollout(scene, {"control.lambda": values, "control.gain": list(np.linspace(90, 190, 13))})
-        for i in range(13):
-            alone = scene.copy().set("control.lambda", values[i]).set("control.gain", plain["control.gain"][i])
-            tracking = esmc.run(alone).summary["tracking"]
-            self.assertEqual(plain["rms_m"][i], tracking["rms_m"])
-            self.assertEqual(plain["max_rad"][i], tracking["max_rad"])
         laws = esmc.rollout(scene, {"control.law": ["esmc", "ctc", "smc"]}, objectives=["max_m"])
         self.assertEqual(sorted(laws), ["control.law", "max_m", "outcome", "seed"])
         some = esmc.rollout(scene, {"mechanism.leg.l1": [0.12, 1e-3]})
         self.assertEqual([some["outcome"][0], np.isnan(some["rms_m"][1])], ["ok", True])
 
-    def test_starts_references_and_seeds_are_single_runs(self):
-        scene = esmc.Scene.load(CIRCLE).set("simulation.duration", 0.05).set("initial", {"joints": [0.9, 1.1]}).set("limits.joint_speed", 500.0)
-        cases = {"initial.joints.1": [0.85, 0.9, 0.95], "initial.joints.2": [1.1, 1.15, 1.05], "reference.radius": [0.06, 0.065, 0.07],
-                 "reference.center.2": [0.17, 0.172, 0.168]}
-        for effects in ([], [{"type": "noise", "sigma": 1e-4}]):
-            scene.set("effects", effects)
-            result = esmc.rollout(scene, cases, seed=5, threads=2)
-            for i in range(3):
-                alone = scene.copy()
-                for key, column in cases.items():
-                    alone.set(key, column[i])
-                run = esmc.run(alone, seed=int(result["seed"][i]))
-                self.assertEqual(result["rms_m"][i], run.summary["tracking"]["rms_m"])
-                self.assertEqual(result["torque_max_nm"][i], run.summary["torque"]["max_nm"])
-        self.assertEqual(len(set(result["rms_m"])), 3)
+    def test_random_batches_are_single_runs(self):
+        """Scene, keys, values, good and bad, size and threads are drawn; every case is the run of a scene with its settings."""
+        draw, seen = random.Random(7), collections.Counter()
+        scenes = batch_scenes()
+        for k in range(1000 if STUDY else 60):
+            scene, own = scenes[k % len(scenes)]
+            parameters = random_parameters(draw, scene, own, draw.choice([1, 2, 3, 5, 9, 10]))
+            n, seed, what = max(map(len, parameters.values())), draw.randrange(100), (k, scene.name, parameters)
+            tried = {key: [settings_of(scene, {key: v}) is None for v in values] for key, values in parameters.items()}
+            if any(map(all, tried.values())):
+                with self.assertRaises(esmc.InputError, msg=what):
+                    esmc.rollout(scene, parameters, seed=seed)
+                seen["refused"] += 1
+                continue
+            result = esmc.rollout(scene, parameters, seed=seed, threads=1)
+            other = esmc.rollout(scene, parameters, seed=seed, threads=draw.randrange(2, 6))
+            for name, column in result.items():
+                np.testing.assert_array_equal(column, other[name], err_msg=str(what))
+            for i in range(n):
+                outcome, figures = single_run(scene, {key: values[i] for key, values in parameters.items()}, int(result["seed"][i]))
+                self.assertEqual(result["outcome"][i], outcome, (what, i))
+                np.testing.assert_array_equal([result[name][i] for name in figures], list(figures.values()), err_msg=str((what, i)))
+                seen[outcome] += 1
+        self.assertGreater(seen["ok"], 100, seen)
+        self.assertGreater(seen["impossible"], 20, seen)
+        self.assertGreater(seen["refused"], 0, seen)
+
+    def test_where_a_bad_value_stands_does_not_matter(self):
+        s = short(CIRCLE, 0.01)
+        late = s.copy().set("control.predictor", True).set("control.delay_ticks", 1)
+        elbow = short(ARM, 0.01).set("mechanism.rotor_inertia", [0.02, 0.01])
+        for scene, key, good, bad in ((s, "control.lambda", 30.0, -1.0), (s, "control.law", "smc", "lqr"), (late, "control.delay_ticks", 1.0, 1.64), (late, "control.delay_ticks", 1.0, 0.0),
+                                      (elbow, "mechanism.leg.J2", 0.1, 0.0), (elbow, "control.model.J2", 1.0, 0.0), (s, "mechanism.leg.l1", 0.12, 1e-3)):
+            for values in ([good, bad], [bad, good]):
+                self.assertEqual(list(esmc.rollout(scene, {key: values})["outcome"]), ["ok" if v == good else "impossible" for v in values], (key, values))
+            with self.assertRaisesRegex(esmc.InputError, key, msg=key):
+                esmc.rollout(scene, {key: [bad, bad]})
+
+    def test_plant_and_belief_are_apart(self):
+        s = short(CIRCLE, 0.05).set("mechanism.rotor_inertia", [1e-4, 1e-4])
+        rotor = {"plant.rotor_inertia.1": [5e-3]}
+        np.testing.assert_array_equal(esmc.rollout(s, {**rotor, "mechanism.leg.J1": [2e-4]})["rms_m"], esmc.rollout(s, rotor)["rms_m"])  # J1 of the scene
+        told = s.copy().set("control.model.mechanism", tomllib.loads(s.toml)["mechanism"])
+        np.testing.assert_array_equal(esmc.rollout(told, {"mechanism.leg.m1": [0.1, 0.12]})["rms_m"], esmc.rollout(s, {"plant.leg.m1": [0.1, 0.12]})["rms_m"])
+
+    def test_keys_of_batches_are_keys_of_set(self):
+        s = short(SCENES / "five_bar_friction.toml", 0.05)
+        s.set("reference", {"type": "polyline", "points": [[0.03, 0.17], [-0.03, 0.19], [0.0, 0.16]], "speed": 0.2})
+        for key, value in (("effects.viscous_friction.coefficient.1", 0.011), ("reference.points.2.1", -0.02), ("mechanism.legs.1.m1", 0.11)):
+            alone, batch = s.copy().set(key, value), esmc.rollout(s, {key: [value]})
+            self.assertNotEqual(esmc.run(alone).digest, esmc.run(s).digest)
+            self.assertEqual(batch["rms_m"][0], esmc.run(alone, seed=int(batch["seed"][0])).summary["tracking"]["rms_m"])
+        for key in ("effects.delay.ticks", "effects.9.coefficient", "reference.points.4.1", "reference.points.1.3"):
+            with self.assertRaisesRegex(esmc.InputError, key.split(".")[0]):
+                s.set(key, 12)
 
     def test_given_torques_are_single_plants(self):
         draw = np.random.default_rng(4)
         key = "mechanism.leg.m1"
         lag = [{"type": "torque_lag", "time_constant": 2e-3}]
-        for path, changed, value in ((CIRCLE, "simulation.step", 1e-3), (ARM, "control.rate_hz", 1000), (CIRCLE, "control.rate_hz", 500), (CIRCLE, "effects", lag)):
+        jitter = [{"type": "jitter", "sigma": 1e-4}]
+        for path, changed, value in ((CIRCLE, "simulation.step", 1e-3), (ARM, "control.rate_hz", 1000), (CIRCLE, "control.rate_hz", 500), (CIRCLE, "effects", lag), (CIRCLE, "effects", jitter)):
             scene = esmc.Scene.load(path).set(changed, value)
             torque, mass = draw.normal(scale=0.3, size=(11, 40, 2)), np.linspace(0.09, 0.11, 11)
             ends = [esmc.rollout(scene, {key: mass}, torques=torque, threads=t) for t in (1, 3)]
@@ -340,13 +456,17 @@ class Studies(unittest.TestCase):
             np.testing.assert_array_equal(rows["qd"][:, -1], ends[0]["qd"])
             self.assertEqual((set(rows["outcome"]), rows["q"].shape[1]), ({"ok"}, 4))
             for i in range(11):
-                plant = esmc.Plant(scene.copy().set(key, mass[i]))
+                plant = esmc.Plant(scene.copy().set(key, mass[i]), seed=int(ends[0]["seed"][i]))
                 for k in range(40):
                     if k % 15 == 0:
                         np.testing.assert_array_equal(plant.q, rows["q"][i, k // 15])
                     plant.step(torque[i, k])
                 np.testing.assert_array_equal(plant.q, ends[0]["q"][i])
                 np.testing.assert_array_equal(plant.qd, ends[0]["qd"][i])
+        for motors in (["all", "base"], ["base", "all"]):
+            four = esmc.Scene.load(CIRCLE).set("control.motors", motors[0])
+            with self.assertRaisesRegex(esmc.InputError, "index 1"):
+                esmc.rollout(four, {"control.motors": motors}, torques=np.zeros((2, 4, len(four.motors))))
         wild = esmc.rollout(short(CIRCLE), {}, torques=np.array([np.full((300, 2), 1e9), np.zeros((300, 2))]))
         self.assertEqual((list(wild["outcome"]), np.isnan(wild["q"][0]).all()), (["diverged", "ok"], True))
 
@@ -459,7 +579,6 @@ class Misuse(unittest.TestCase):
         self.assertEqual(esmc.run(s).digest, esmc.run(short(CIRCLE)).digest)  # none of them has changed it
 
     def test_random_arguments(self):
-        import random
         draw = random.Random(5)
         s = short(CIRCLE, 0.01)
         circle, deep = {}, []

@@ -11,6 +11,7 @@
 #include <set>
 
 #include "host_sim/error.hpp"
+#include "host_sim/record/run_options.hpp"
 #include "host_sim/sweep/journal.hpp"
 #include "host_sim/sweep/lanes/controller.hpp"
 #include "host_sim/sweep/lanes/kernel.hpp"
@@ -367,33 +368,95 @@ TEST(SweepLanes, EveryKernelGivesTheBitsOfEachCaseAlone) {
   }
 }
 
+/// A program is timed with the model, the limits and the law: its reference is another one in each case,
+/// however the cases are shared out.
+TEST(SweepLanes, AProgramIsTimedForEachCase) {
+  const Scratch scratch;
+  std::string text = specification(uncertain + vary("control.torque_limit", "from = 0.8\nto = 1.6") +
+                                   vary("limits.joint_speed", "values = [20.0, 60.0]\ncross = true"));
+  text.insert(
+      text.find("'simulation.step"),
+      "'initial={at=\"reference\"}', 'reference={type=\"program\", from=[0.03, 0.17], moves=[{move=\"line\", "
+      "to=[-0.03, 0.19]}, {move=\"line\", to=[0.03, 0.17]}]}', ");
+  const SweepSpec spec = read_sweep(scratch.write("spec.toml", text));
+  const CaseScenes scenes(spec);
+  const auto alone = run_all(spec, scenes, nullptr);
+  EXPECT_NE(alone[0].values[0], alone[1].values[0]);
+  for (const LaneKernel& kernel : lane_kernels()) {
+    SCOPED_TRACE(kernel.name);
+    expect_same(alone, run_all(spec, scenes, &kernel));
+    CaseRunner runner(spec, scenes, &kernel);  // one case after the other
+    std::vector<Finished> out;
+    for (std::uint64_t i = 0; i < alone.size(); ++i) EXPECT_TRUE(runner.run({i}, out));
+    expect_same(alone, out);
+  }
+}
+
+TEST(SweepLanes, AStoppedGroupIsNotDone) {
+  const Scratch scratch;
+  const SweepSpec spec = read_sweep(scratch.write("spec.toml", specification(uncertain + plant())));
+  const CaseScenes scenes(spec);
+  std::vector<double> torque(20, 0.0), state(12);
+  std::vector<LaneJob> follows(1), driven(1);
+  ASSERT_TRUE(make_lane_job(scenes.nominal(), spec.wanted, follows[0]));
+  ASSERT_TRUE(make_driven_job(scenes.nominal(), 10, 0, driven[0]));
+  driven[0].numbers.torque = torque.data();
+  driven[0].numbers.states = state.data();
+  for (const LaneKernel& kernel : lane_kernels()) {
+    for (const auto& jobs : {follows, driven}) {
+      for (const bool stop : {false, true}) {
+        std::vector<LaneScore> scores;
+        stop_requested() = stop;
+        run_lane_jobs(kernel, jobs, scores);
+        stop_requested() = false;
+        EXPECT_EQ(scores[0].ok, !stop) << kernel.name;
+      }
+    }
+  }
+}
+
 TEST(SweepLanes, CoverTheBenchmarkCase) {
   const Scratch scratch;
   const SweepSpec spec = read_sweep(scratch.write("spec.toml", specification(uncertain + plant())));
   CaseScenes scenes(spec);
   for (const LaneKernel& kernel : lane_kernels()) {
     std::vector<LaneJob> jobs(1);
-    ASSERT_TRUE(make_lane_job(scenes.nominal(), spec.wanted, true, jobs[0]));
+    ASSERT_TRUE(make_lane_job(scenes.nominal(), spec.wanted, jobs[0]));
     std::vector<LaneScore> scores;
     run_lane_jobs(kernel, jobs, scores);
     EXPECT_TRUE(scores[0].ok) << kernel.name;
   }
 }
 
+/// Also where more of the scene depends on a number than its field: belief, rotors, parts of the controller.
 TEST(SweepScenes, SettingANumberIsReadingTheSceneAgain) {
   const Scratch scratch;
   std::string axes =
       plant() + vary("mechanism.half_base", "from = 0.04\nto = 0.06") +
       vary("plant.legs.2.J1", "factor = [0.5, 2]") + vary("mechanism.leg.lg1", "from = 0.05\nto = 0.07") +
       vary("control.model.m2", "from = 0.5\nto = 2") + vary("control.model.gravity", "from = 0.5\nto = 1.2") +
-      vary("control.delay_ticks", "from = 0\nto = 2") + vary("control.layer", "from = 0.01\nto = 1") +
+      vary("control.delay_ticks", "values = [1, 2, 3]") + vary("control.layer", "from = 0.01\nto = 1") +
       vary("reference.phase", "from = 0\nto = 6");
-  const SweepSpec spec = read_sweep(
-      scratch.write("spec.toml", specification("[sample]\nmethod = 'random'\ncount = 12\n" + axes)));
-  const CaseScenes set(spec);
-  CaseScenes read(spec);
-  read.read_always();
-  expect_same(run_all(spec, set, nullptr), run_all(spec, read, nullptr));
+  const std::string leg = "l1=0.12, l2=0.16, lg1=0.06, lg2=0.068, m1=0.11, m2=0.1, J1=2e-4, J2=7e-4";
+  for (const std::string& more :
+       {std::string(), std::string("'control.predictor=true', 'control.delay_ticks=1', "),
+        "'control.model.mechanism={type=\"five_bar\", half_base=0.05, gravity=9.8, working_mode=[\"+\", "
+        "\"+\"], leg={" +
+            leg + "}}', ",
+        std::string("'mechanism.rotor_inertia=[1e-4, 2e-4]', "),
+        std::string("'mechanism.rotor_inertia=[1e-4, 2e-4, 2e-4, 1e-4]', "),
+        std::string("'effects=[{type=\"end_stops\", lower=[-1.0, -1.0], upper=[1.05, 1.05]}]', ")}) {
+    SCOPED_TRACE(more);
+    std::string text = specification("[sample]\nmethod = 'random'\ncount = 12\n" + axes +
+                                     vary("plant.rotor_inertia.1", "values = [0.0, 3e-4]\ncross = true"));
+    if (more.find("rotor") == std::string::npos) text.erase(text.rfind("[[vary]]"));
+    text.insert(text.find("'simulation.step"), more);
+    const SweepSpec spec = read_sweep(scratch.write("spec.toml", text));
+    const CaseScenes set(spec);
+    CaseScenes read(spec);
+    read.read_always();
+    expect_same(run_all(spec, set, nullptr), run_all(spec, read, nullptr));
+  }
 }
 
 TEST(SweepScenes, ThePlantVariesAndTheControllerBelievesTheScene) {
