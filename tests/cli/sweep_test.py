@@ -138,6 +138,20 @@ def threads_and_processes(folder):
     same(one, folder / "scalar", "without lanes")
     j = json.loads(sweep(spec, "--json").stdout)
     check(j == json.loads((one / "summary.json").read_text()), "--json is not summary.json")
+    program = folder / "program.toml"  # timed anew for every limit: another reference in each lane
+    program.write_text(f"""scene = "{SCENE.with_name("five_bar_pick_and_place.toml")}"
+set = ["effects=[]", "simulation.duration=0.1"]
+[sample]
+method = "latin_hypercube"
+count = {6 if SANITIZED else 20}
+[[vary]]
+key = "control.torque_limit"
+from = 1.0
+to = 1.5
+""", encoding="utf-8")
+    for out, *how in (("p1", "--jobs", 1), ("p2", "--jobs", 2), ("p3", "--scalar")):
+        sweep(program, "--out", folder / out, *how)
+        same(folder / "p1", folder / out, f"program {how}")
     module = pathlib.Path(ESMC).parent / "esmc_mpi.so"
     if SANITIZED:
         return

@@ -415,9 +415,11 @@ class Studies(unittest.TestCase):
     def test_where_a_bad_value_stands_does_not_matter(self):
         s = short(CIRCLE, 0.01)
         late = s.copy().set("control.predictor", True).set("control.delay_ticks", 1)
+        light = s.copy().set("mechanism.leg.m2", 0.0)
+        rotor = light.copy().set("mechanism.leg.m1", 0.0).set("mechanism.rotor_inertia", [1e-3, 1e-3])
         elbow = short(ARM, 0.01).set("mechanism.rotor_inertia", [0.02, 0.01])
         for scene, key, good, bad in ((s, "control.lambda", 30.0, -1.0), (s, "control.law", "smc", "lqr"), (late, "control.delay_ticks", 1.0, 1.64), (late, "control.delay_ticks", 1.0, 0.0),
-                                      (elbow, "mechanism.leg.J2", 0.1, 0.0), (elbow, "control.model.J2", 1.0, 0.0), (s, "mechanism.leg.l1", 0.12, 1e-3)):
+                                      (light, "mechanism.leg.J2", 7e-4, 0.0), (light, "control.model.J2", 1.0, 0.0), (rotor, "mechanism.leg.J1", 2e-4, 0.0), (elbow, "mechanism.leg.J2", 0.1, 0.0), (elbow, "control.model.J2", 1.0, 0.0), (s, "mechanism.leg.l1", 0.12, 1e-3)):
             for values in ([good, bad], [bad, good]):
                 self.assertEqual(list(esmc.rollout(scene, {key: values})["outcome"]), ["ok" if v == good else "impossible" for v in values], (key, values))
             with self.assertRaisesRegex(esmc.InputError, key, msg=key):

@@ -445,7 +445,7 @@ TEST(SweepScenes, SettingANumberIsReadingTheSceneAgain) {
             leg + "}}', ",
         std::string("'mechanism.rotor_inertia=[1e-4, 2e-4]', "),
         std::string("'mechanism.rotor_inertia=[1e-4, 2e-4, 2e-4, 1e-4]', "),
-        std::string("'effects=[{type=\"end_stops\", lower=[-1.0, -1.0], upper=[1.05, 1.05]}]', ")}) {
+        std::string("'effects=[{type=\"end_stops\", lower=[-1.0, -1.0], upper=[1.1, 1.6]}]', ")}) {
     SCOPED_TRACE(more);
     std::string text = specification("[sample]\nmethod = 'random'\ncount = 12\n" + axes +
                                      vary("plant.rotor_inertia.1", "values = [0.0, 3e-4]\ncross = true"));
