@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <exception>
 #include <set>
 #include <span>
 #include <utility>
@@ -235,17 +236,17 @@ void CaseScenes::try_value(std::size_t axis, const SweepValue& x) const {
 void CaseScenes::try_some(std::size_t axis) const {
   const std::vector<SweepValue>& values = spec_->vary[axis].values;
   const std::set<SweepValue> different(values.begin(), values.end());
-  std::optional<InputError> first;
+  std::exception_ptr first;
   std::size_t tried = 0;
   for (const SweepValue& x : different) {
     try {
       return try_value(axis, x);
-    } catch (const InputError& e) {
-      if (!first) first = e;
+    } catch (const InputError&) {
+      if (!first) first = std::current_exception();
     }
     if (++tried == 1000) break;
   }
-  if (first) throw *first;
+  if (first) std::rethrow_exception(first);
 }
 
 SweepValue CaseScenes::value(std::uint64_t index, std::size_t axis) const {
