@@ -171,6 +171,17 @@ inline void require_consistent(const Node& n, const FiveBarParams<double>& m, co
   }
 }
 
+/// (x, y) must be of the assembly mode of the case: its base angles lead elsewhere in the other one.
+inline void require_assembly(const Node& n, const FiveBarParams<double>& params,
+                             const List<int, 2>& working) {
+  constexpr double tolerance = 1e-6;  // both modes meet at type 2
+  const Node state = n.at("state");
+  const Vec2<double> x(state.number<double>("x"), state.number<double>("y"));
+  const auto pose = FiveBar<double>(params).inverse(x, {working, 0});
+  if (pose && pose->sin_type2 * n.at("mode").at("assembly").sign() < -tolerance)
+    state.at("x").fail("'state.x', 'state.y' is of the other assembly mode than 'mode.assembly'");
+}
+
 /// M v' + f + g with the rotors at the elbows.
 template <class M>
 typename M::Channels forces(const M& m, typename M::Channels acceleration, const typename M::Rates& r) {
@@ -309,6 +320,7 @@ class FiveBarCase {
     const auto closed = m_.inverse(x, sigma_);
     if (!closed) n.fail("'state.x', 'state.y' cannot be reached by both legs");
     require_consistent(n, read_params<double>(pn), sigma_.working);
+    require_assembly(n, read_params<double>(pn), sigma_.working);
     inverse_ = *closed;
     theta_ = state.has("theta") ? state.vector<S, 4>("theta") : M::angles(inverse_);
     p_ = state.has("theta") ? m_.pose(theta_) : inverse_;
