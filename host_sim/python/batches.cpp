@@ -73,8 +73,10 @@ RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
     out.values = range;
     return out;
   }
-  const py::object list =
-      py::hasattr(v, "tolist") ? v.attr("tolist")() : py::reinterpret_borrow<py::object>(v);
+  py::object list = py::hasattr(v, "tolist") ? v.attr("tolist")() : py::reinterpret_borrow<py::object>(v);
+  const bool text = py::isinstance<py::str>(list) || py::isinstance<py::bytes>(list);
+  if (!text && py::isinstance(list, py::module_::import("collections.abc").attr("Sequence")))
+    list = py::list(list);
   if (!py::isinstance<py::list>(list))
     refuse("parameters['{}']: a range (from, to), or a list or array with a value per case", key);
   std::vector<SweepValue> values;
@@ -86,9 +88,9 @@ RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
 /// The torques of driven cases into the request. Returns the array, which must live as long as that.
 Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t every, RolloutRequest& r,
                  std::optional<std::uint64_t>& n) {
-  const auto out = Array::ensure(torques);
+  const Array out = numbers(torques, "torques", 3);
   const std::size_t motors = s.scene.motor_joints().size();
-  if (!out || out.ndim() != 3 || out.size() == 0 || static_cast<std::size_t>(out.shape(2)) != motors ||
+  if (out.size() == 0 || static_cast<std::size_t>(out.shape(2)) != motors ||
       out.shape(1) > std::numeric_limits<std::uint32_t>::max())
     refuse("torques: an array of shape (cases, ticks, {}) is needed, N m", motors);
   if (n && *n != static_cast<std::uint64_t>(out.shape(0)))
@@ -120,7 +122,7 @@ void add_states(const RolloutRequest& r, RolloutResult&& result, py::dict& out) 
   }
 }
 
-py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std::uint64_t> n,
+py::dict rollout(const PyScene& s, const py::object& parameters, std::optional<std::uint64_t> n,
                  std::uint64_t seed, int threads, const std::vector<std::string>& wanted,
                  const py::object& torques, std::uint32_t every) {
   RolloutRequest r{.scene = s.file,
@@ -137,13 +139,13 @@ py::dict rollout(const PyScene& s, const py::dict& parameters, std::optional<std
   if (!driven && every != 0) refuse("every: is of runs with torques");
   if (!driven) r.objectives = objectives_of(wanted);
   const Array given = driven ? torques_of(s, torques, every, r, n) : Array();
-  for (const auto& [key, value] : parameters)
+  for (const auto& [key, value] : dict_of(parameters, "parameters"))
     r.parameters.push_back(parameter_of(py::str(key).cast<std::string>(), value));
   for (const RolloutParameter& p : r.parameters) {
     if (const auto* values = std::get_if<1>(&p.values); values != nullptr && !n) n = values->size();
   }
   r.cases = n.value_or(1);
-  RolloutResult result = released([&] { return driven ? run_driven(r) : run_rollout(r); });
+  RolloutResult result = released(s, [&] { return driven ? run_driven(r) : run_rollout(r); });
   const auto numpy = py::module_::import("numpy");
   py::dict out;
   for (std::size_t a = 0; a < r.parameters.size(); ++a)

@@ -23,7 +23,8 @@ Command command_of(const std::string& name) {
   if (name == "stop") return Command::stop;
   if (name == "halt") return Command::halt;
   if (name == "reset") return Command::reset;
-  refuse("command = {:?}: none, stop, halt or reset", name);
+  if (name == "enable") return Command::enable;
+  refuse("command = {:?}: none, stop, halt, reset or enable", name);
 }
 
 void require_size(std::span<const double> values, std::size_t size, const char* what) {
@@ -105,6 +106,14 @@ class PlantOf final : public PythonPlant {
     q.assign(o.q.begin(), o.q.end());
     qd.assign(o.qd.begin(), o.qd.end());
   }
+  std::vector<double> shafts(bool rates) const override {
+    std::vector<double> out;
+    for (std::size_t j = 0; j < static_cast<std::size_t>(scene_.joints()); ++j) {
+      const Shaft shaft = motion_.shaft(j);
+      out.push_back(rates ? shaft.rate : shaft.angle);
+    }
+    return out;
+  }
   double energy() const override { return motion_.energy(); }
   double t() const override { return static_cast<double>(ticks_) * scene_.tick(); }
 
@@ -133,6 +142,19 @@ Json leg_case(const LegParams<T>& p) {
           {"rotor2", p.rotor2},
           {"asymmetry1", p.asymmetry1},
           {"asymmetry2", p.asymmetry2}};
+}
+
+void require_used(const Json& state, bool five_bar) {
+  const bool placed = state.contains("x") || state.contains("y");
+  for (const auto& [key, value] : state.items()) {
+    const bool rate = key == "xd" || key == "yd";
+    if (key != "theta" && key != "thetad" && !(five_bar && (key == "x" || key == "y" || rate)))
+      refuse("state: there is no '{}'; theta, thetad{}", key, five_bar ? ", x, y, xd, yd" : "");
+    if ((rate && !placed) || (key == "thetad" && !state.contains("theta")))
+      refuse("state: '{}' needs {}", key, rate ? "'x' and 'y'" : "'theta'");
+  }
+  if (!placed && !state.contains("theta"))
+    refuse("state: 'theta' is missing{}", five_bar ? ", or 'x' and 'y'" : "");
 }
 
 /// Adds effector and its velocity to a state that gives joints.
@@ -175,21 +197,18 @@ std::unique_ptr<PythonPlant> make_python_plant(const Scene& scene) {
 }
 
 std::string model_case(const Scene& scene, const std::string& text) {
-  Json state = Json::parse(text);
   const bool five_bar = scene.type == MechanismType::five_bar;
-  for (const auto& [key, value] : state.items()) {
-    if (key != "theta" && key != "thetad" &&
-        !(five_bar && (key == "x" || key == "y" || key == "xd" || key == "yd")))
-      refuse("state: there is no '{}'; theta, thetad{}", key, five_bar ? ", x, y, xd, yd" : "");
-  }
+  Json state;
   try {
-    if (five_bar && state.contains("theta") && !state.contains("x")) close_chain(scene, state);
+    state = Json::parse(text);
+    require_used(state, five_bar);
+    if (five_bar && !state.contains("x") && !state.contains("y")) close_chain(scene, state);
     if (!five_bar && !state.contains("thetad")) state["thetad"] = {0.0, 0.0};
     for (const char* rate : {"xd", "yd"}) {
       if (five_bar && !state.contains(rate)) state[rate] = 0.0;
     }
   } catch (const Json::exception&) {
-    refuse("state: a table of numbers and lists of numbers is needed");
+    refuse("state: a table of numbers and lists of numbers is needed, each within the range of a double");
   }
   Scene exact = scene;  // the mechanism with the friction of the effects
   exact.model = {};

@@ -17,65 +17,44 @@
 namespace esmc::host {
 namespace {
 
-std::string quoted(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') out += '\\';
-    out += static_cast<unsigned char>(c) < 0x20U ? fmt::format("\\u{:04X}", c) : std::string(1, c);
-  }
-  return out + "\"";
-}
-
-}  // namespace
-
-std::string toml_of(const std::string& key, const py::handle& v, int depth) {
-  if (depth > 16) refuse("{}: the value is nested too deeply", key);
-  if (py::isinstance<py::bool_>(v)) return v.cast<bool>() ? "true" : "false";
-  if (py::isinstance<py::str>(v)) return quoted(v.cast<std::string>());
-  if (py::isinstance<py::int_>(v)) return py::str(v).cast<std::string>();
-  if (py::isinstance<py::dict>(v)) {
-    std::string out;
-    for (const auto& [name, value] : py::reinterpret_borrow<py::dict>(v))
-      out += (out.empty() ? "" : ", ") + quoted(py::str(name).cast<std::string>()) + " = " +
-             toml_of(key, value, depth + 1);
-    return "{" + out + "}";
-  }
-  if (py::hasattr(v, "tolist")) return toml_of(key, v.attr("tolist")(), depth + 1);  // of numpy
-  if (py::isinstance<py::list>(v) || py::isinstance<py::tuple>(v)) {
-    std::string out;
-    for (const auto& item : v) out += (out.empty() ? "" : ", ") + toml_of(key, item, depth + 1);
-    return "[" + out + "]";
-  }
-  if (!py::isinstance<py::float_>(v))
-    throw py::type_error(key + ": a scene takes bool, int, float, str, lists and dicts of them, not " +
-                         py::str(py::type::of(v)).cast<std::string>());
-  const auto number = v.cast<double>();
-  if (!std::isfinite(number)) refuse("{}: a scene takes finite numbers only", key);
-  const std::string text = fmt::format("{}", number);
-  return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
-}
-
-namespace {
-
 struct Run {
   Capture capture;
   py::object summary;
 };
 struct Plan : Run {};
 
+}  // namespace
+}  // namespace esmc::host
+
+namespace pybind11::detail {
+template <>
+struct type_caster<esmc::host::Run> : esmc::host::MadeWhole<esmc::host::Run> {};
+template <>
+struct type_caster<esmc::host::Plan> : esmc::host::MadeWhole<esmc::host::Plan> {};
+template <>
+struct type_caster<esmc::host::PythonTick> : esmc::host::MadeWhole<esmc::host::PythonTick> {};
+template <>
+struct type_caster<esmc::host::PythonController> : esmc::host::MadeWhole<esmc::host::PythonController> {};
+template <>
+struct type_caster<esmc::host::PythonPlant> : esmc::host::MadeWhole<esmc::host::PythonPlant> {};
+}  // namespace pybind11::detail
+
+namespace esmc::host {
+namespace {
+
 std::shared_ptr<Run> run(const PyScene& s, const std::string& mode, std::uint64_t seed) {
   if (mode != "sim" && mode != "hil") refuse("mode = {:?}: sim or hil", mode);
   auto out = std::make_shared<Run>();
   RunOptions o = s.options(out->capture);
   o.seed = seed;
-  (void)released([&] { return mode == "sim" ? run_sim(o) : run_hil(o); });
+  (void)released(s, [&] { return mode == "sim" ? run_sim(o) : run_hil(o); });
   out->summary = parsed(out->capture.document);
   return out;
 }
 
 std::shared_ptr<Plan> plan(const PyScene& s) {
   auto out = std::make_shared<Plan>();
-  (void)released([&] { return run_plan(s.options(out->capture)); });
+  (void)released(s, [o = s.options(out->capture)] { return run_plan(o); });
   out->summary = parsed(out->capture.document);
   return out;
 }
@@ -98,10 +77,11 @@ py::dict log_of(const py::object& self) {
 template <int (*command)(const RunOptions&)>
 py::object document_of(const PyScene& s) {
   Capture c;
-  (void)released([&] { return command(s.options(c)); });
+  (void)released(s, [o = s.options(c)] { return command(o); });
   return parsed(c.document);
 }
 py::object compare(const std::filesystem::path& a, const std::filesystem::path& b, double tolerance) {
+  if (!std::isfinite(tolerance) || tolerance < 0.0) refuse("tolerance = {}: must be 0 or more", tolerance);
   Capture c;
   const CompareOptions o{
       .a = a.string(), .b = b.string(), .tolerance = tolerance, .out = "", .command_line = "", .capture = &c};
@@ -120,7 +100,8 @@ py::object arrays(const py::object& v) {
   return py::isinstance<py::list>(v) ? py::object(py::module_::import("numpy").attr("array")(v)) : v;
 }
 
-py::object model(const PyScene& s, const py::dict& state) {
+py::object model(const PyScene& s, const py::object& given) {
+  const py::dict state = dict_of(given, "state");
   std::string plain;
   try {
     const auto list = py::cpp_function([](const py::object& v) { return v.attr("tolist")(); });
@@ -136,11 +117,7 @@ py::object model(const PyScene& s, const py::dict& state) {
   return arrays(parsed(document)["cases"][py::int_(0)]);
 }
 
-std::span<const double> span_of(const Array& a, const char* what) {
-  if (a.ndim() != 1)
-    refuse("{}: a one-dimensional array is needed, this one has {} dimensions", what, a.ndim());
-  return {a.data(), static_cast<std::size_t>(a.size())};
-}
+std::span<const double> span_of(const Array& a) { return {a.data(), static_cast<std::size_t>(a.size())}; }
 Array array_of(const std::vector<double>& v) { return Array(static_cast<py::ssize_t>(v.size()), v.data()); }
 
 template <std::vector<double> PythonTick::*member>
@@ -157,13 +134,18 @@ Array coordinates(const PythonPlant& p) {
   return array_of(v);
 }
 
+/// Of the encoders of drives.
+template <bool rates>
+Array shafts(const PythonPlant& p) {
+  return array_of(p.shafts(rates));
+}
+
 void define_scene(py::module_& m) {
   py::class_<PyScene>(m, "Scene", "A scene file and what is set on top of it.")
       .def_static(
-          "load", [](const std::filesystem::path& path) { return PyScene(path.string(), {}); },
-          py::arg("path"),
-          "Reads a scene file (TOML); path: str or os.PathLike. set and runs read the file again. Raises "
-          "InputError with file, line and key.")
+          "load", &PyScene::load, py::arg("path"),
+          "Reads a scene file (TOML), once; path: str or os.PathLike. Raises InputError with file, line and "
+          "key.")
       .def("set", &PyScene::set, py::arg("key"), py::arg("value"),
            py::return_value_policy::reference_internal,
            "Sets a key as --set does, entries counted from 1. Raises InputError, and then changes nothing.")
@@ -181,11 +163,18 @@ void define_scene(py::module_& m) {
       .def_property_readonly("motors", &PyScene::motors,
                              "Names of the joints with motors, in the order of torques.")
       .def("__repr__",
-           [](const PyScene& s) { return fmt::format("<esmc.Scene {:?} of {}>", s.scene.name, s.file); })
-      .def(py::pickle([](const PyScene& s) { return py::make_tuple(s.file, s.sets); },
-                      [](const py::tuple& t) {
-                        return PyScene(t[0].cast<std::string>(), t[1].cast<std::vector<std::string>>());
-                      }));
+           [](const PyScene& s) {
+             return readable(fmt::format("<esmc.Scene {:?} of ", s.scene.name) + s.file + ">");
+           })
+      .def(py::pickle(
+          [](const PyScene& s) {
+            return py::make_tuple(std::filesystem::path(s.file), py::bytes(s.text), s.sets);
+          },
+          [](const py::tuple& t) {
+            using State = std::tuple<std::filesystem::path, std::string, std::vector<std::string>>;
+            auto [file, text, sets] = t.cast<State>();
+            return PyScene(file.string(), std::move(text), std::move(sets));
+          }));
   py::class_<Run, std::shared_ptr<Run>>(m, "Run", "What a run left.")
       .def_readonly("summary", &Run::summary, "The document that --json prints, as a dict.")
       .def_property_readonly("log", &log_of<Run>,
@@ -226,12 +215,15 @@ void define_loop(py::module_& m) {
       .def(py::init([](const PyScene& s) { return make_python_controller(s.scene); }), py::arg("scene"))
       .def(
           "tick",
-          [](PythonController& c, const Array& angle, const Array& rate, const std::string& command) {
-            return c.tick(span_of(angle, "angle"), span_of(rate, "rate"), command);
+          [](PythonController& c, const py::object& angle, const py::object& rate,
+             const std::string& command) {
+            const Array angles = numbers(angle, "angle"), rates = numbers(rate, "rate");
+            return c.tick(span_of(angles), span_of(rates), command);
           },
           py::arg("angle"), py::arg("rate"), py::arg("command") = "none",
           "One tick of the sample time. angle, rate: of all joints, shape (joints,), rad and rad/s; those "
-          "without a sensor are not used. command: none, stop, halt, reset.");
+          "without a sensor are not used. command: none, stop, halt, reset, or enable, which a controller "
+          "needs after a stop or a reset.");
   py::class_<PythonPlant>(m, "Plant", "The true mechanism of a scene with its effects, without sensors.")
       .def(py::init([](const PyScene& s, std::uint64_t seed) {
              Scene seeded = s.scene;
@@ -240,17 +232,27 @@ void define_loop(py::module_& m) {
            }),
            py::arg("scene"), py::arg("seed") = 1, "seed: of the jitter, as the result of a rollout has it.")
       .def(
-          "step", [](PythonPlant& p, const Array& torque) { p.step(span_of(torque, "torque")); },
+          "step",
+          [](PythonPlant& p, const py::object& torque) { p.step(span_of(numbers(torque, "torque"))); },
           py::arg("torque"), "Advances by one tick under torque, shape (motors,), N m at the joint.")
       .def_property_readonly("t", &PythonPlant::t, "Time since the start, s")
       .def_property_readonly("angle", &coordinates<false, true>, "Of all joints, rad, shape (joints,)")
       .def_property_readonly("rate", &coordinates<true, true>, "Of all joints, rad/s, shape (joints,)")
+      .def_property_readonly("shaft_angle", &shafts<false>,
+                             "What a drive's encoder would read, at each joint, rad, shape (joints,): the "
+                             "joint's angle, or with "
+                             "joint_flexibility or backlash that of its rotor.")
+      .def_property_readonly("shaft_rate", &shafts<true>, "Likewise, rad/s, shape (joints,)")
       .def_property_readonly(
           "q", &coordinates<false, false>,
           "As final_state.q of a run: with a five-bar x and y, then the joints; m, rad, shape (coordinates,)")
       .def_property_readonly("qd", &coordinates<true, false>,
                              "As final_state.qd, m/s, rad/s, shape (coordinates,)")
       .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
+}
+
+void raise(const py::handle& type, const std::string& text) {
+  PyErr_SetObject(type.ptr(), readable(text).ptr());
 }
 
 void translate_errors(py::module_& m) {
@@ -264,11 +266,11 @@ void translate_errors(py::module_& m) {
     } catch (const InputErrors& e) {
       std::string all;
       for (const std::string& line : e.lines()) all += (all.empty() ? "" : "\n") + line;
-      input(all.c_str());
+      raise(input, all);
     } catch (const InputError& e) {
-      input(e.what());
+      raise(input, e.what());
     } catch (const RunError& e) {
-      failed(e.what());
+      raise(failed, e.what());
     } catch (const py::cast_error&) {  // of an entry of a list, tuple or dict
       input("an argument holds a value of the wrong type or size");
     }
@@ -284,6 +286,7 @@ PYBIND11_MODULE(esmc, m) {
   m.doc() =
       "Simulator, controller and batches of esmc: the RR arm and the 5R five-bar under sliding-mode control.";
   m.attr("__version__") = version;
+  prepare_calls();
   translate_errors(m);
   define_scene(m);
   define_loop(m);
@@ -300,8 +303,9 @@ PYBIND11_MODULE(esmc, m) {
   m.def("compare", &compare, py::arg("a"), py::arg("b"), py::arg("tolerance") = 0.0,
         "The document of `esmc compare A B --json`, as a dict. a, b: directories of runs.");
   m.def("model", &model, py::arg("scene"), py::arg("state"),
-        "The scene's mechanism as `esmc eval` has it, as arrays in SI units, with n coordinates (five-bar "
-        "18, arm 8): C (n, 2), A (n - 2, n), b (n - 2,), M_diag, g, f, bias (n,), H (2, 2), h (2,). state: "
-        "dict with theta and thetad (all joints, or the two base joints), or with a five-bar x, y, xd, yd; "
-        "rad, m, s.");
+        "The scene's mechanism as `esmc eval` has it, in SI units. [\"model\"] are arrays, with n "
+        "coordinates (five-bar 18, arm 8): C (n, 2), A (n - 2, n), b (n - 2,), M_diag, g, f, bias (n,), H "
+        "(2, 2), h (2,). With a five-bar also [\"state\"] and [\"singularity\"], with an arm "
+        "[\"effector\"]. state: a mapping with theta and thetad (all joints, or the two base joints), or "
+        "with a five-bar x, y, xd, yd; rad, m, s.");
 }

@@ -1,102 +1,64 @@
 #pragma once
-/// What the files of the Python module share: Scene, and calls without the interpreter's lock.
+/// What the files of the Python module share.
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
-#include <csignal>
 #include <filesystem>
-#include <mutex>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "host_sim/error.hpp"
+#include "host_sim/python/calls.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/scene.hpp"
+#include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
 
 namespace py = pybind11;
 using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
-/// Without the interpreter's lock. Ctrl-C ends the run as it ends a command, and Python hears of it after.
-class Released {
- public:
-  Released() : lock_(running()) {
-    stop_requested() = false;
-    before_ = std::signal(SIGINT, [](int) { stop_requested() = true; });
-  }
-  Released(const Released&) = delete;
-  Released& operator=(const Released&) = delete;
-  ~Released() {
-    std::signal(SIGINT, before_);
-    if (stop_requested().exchange(false)) interrupted() = true;
-  }
-  /// To be called with the interpreter's lock: raises KeyboardInterrupt after Ctrl-C.
-  static void check() {
-    if (!interrupted().exchange(false)) return;
-    PyErr_SetNone(PyExc_KeyboardInterrupt);
-    throw py::error_already_set();
-  }
-
- private:
-  static std::mutex& running() {
-    static std::mutex m;
-    return m;
-  }
-  static std::atomic<bool>& interrupted() {
-    static std::atomic<bool> flag{false};
-    return flag;
-  }
-  py::gil_scoped_release release_;
-  std::unique_lock<std::mutex> lock_;
-  void (*before_)(int) = nullptr;
-};
-
-/// f() without the interpreter's lock, one at a time.
-template <class F>
-auto released(const F& f) {
-  const auto run = [&] {
-    const Released guard;
-    return f();
-  };
-  try {
-    auto out = run();
-    Released::check();
-    return out;
-  } catch (const RunError&) {
-    Released::check();
-    throw;
-  }
-}
-
 /// The value of a key as TOML.
 std::string toml_of(const std::string& key, const py::handle& v, int depth = 0);
+/// Sets a key after all others, or in the place of what was set for it before, where that is the same.
+void put_set(std::vector<std::string>& sets, const std::string& key, const std::string& value);
+/// An array of real numbers as the one of `v`, or a list, is; `what` names it. Throws InputError.
+Array numbers(const py::object& v, const char* what, int dimensions = 1);
+/// Of any mapping; `what` names it.
+py::dict dict_of(const py::object& v, const char* what);
+/// A text that may hold the name of a file: bytes that are not UTF-8 as \xff.
+py::str readable(const std::string& text);
 
 inline py::object parsed(const std::string& document) {
-  return py::module_::import("json").attr("loads")(document);
+  return py::module_::import("json").attr("loads")(readable(document));
 }
 
-/// A scene file, found again from another working directory, and what is set on top of it. Every change is
-/// checked at once.
+/// A scene file as it was when it was loaded, and what is set on top of it. Every change is checked at once.
 struct PyScene {
-  std::string file;
+  std::string file;  ///< absolute: files that the scene names lie beside it
+  std::string text;
   std::vector<std::string> sets;
   Scene scene;
 
-  PyScene(std::string path, std::vector<std::string> changes)
-      : file(std::move(path)), sets(std::move(changes)) {
-    if (file == "-") refuse("Scene.load: '-' (stdin) is for the command");
-    if (!file.empty()) file = std::filesystem::absolute(file).string();
-    scene = read_scene(file, sets);
+  PyScene(std::string path, std::string content, std::vector<std::string> changes)
+      : file(std::move(path)),
+        text(std::move(content)),
+        sets(std::move(changes)),
+        scene(read_scene_text(text, file, sets)) {}
+  static PyScene load(const std::filesystem::path& path) {
+    if (path == "-") refuse("Scene.load: '-' (stdin) is for the command");
+    const std::string file = path.empty() ? "" : std::filesystem::absolute(path).string();
+    return {file, read_text_file(file, "scene file"), {}};
   }
   PyScene& set(const std::string& key, const py::handle& value) {
+    const std::string given = toml_of(key, value);  // may run code of Python, which may set keys
     auto more = sets;
-    more.push_back(key + "=" + toml_of(key, value));
-    scene = read_scene(file, more);
+    put_set(more, key, given);
+    scene = read_scene_text(text, file, more);
     sets = std::move(more);
     return *this;
   }
@@ -119,7 +81,32 @@ struct PyScene {
   }
 };
 
+/// Refuses what __new__ alone has made: pybind11 would take it for a value.
+template <class T>
+struct MadeWhole : py::detail::type_caster_base<T> {
+  bool load(py::handle from, bool convert) {
+    using Instance = py::detail::instance;
+    if (py::isinstance<T>(from) && !reinterpret_cast<Instance*>(from.ptr())  // NOLINT(*-reinterpret-cast)
+                                        ->get_value_and_holder()
+                                        .holder_constructed())
+      throw py::type_error("this object was made by __new__ alone");
+    return py::detail::type_caster_base<T>::load(from, convert);
+  }
+};
+
+/// released(f) with a copy of the scene's text in the place of its file.
+template <class F>
+auto released(const PyScene& s, const F& f) {
+  return released([&f, file = s.file, text = s.text] {
+    const ReadBefore as_loaded(file, text);
+    return f();
+  });
+}
+
 /// rollout and sweep.
 void define_batches(py::module_& m);
 
 }  // namespace esmc::host
+
+template <>
+struct pybind11::detail::type_caster<esmc::host::PyScene> : esmc::host::MadeWhole<esmc::host::PyScene> {};

@@ -59,9 +59,13 @@ struct RunOptions {
       nullptr;  ///< sim, hil, check, margins: takes the result, nothing is printed; outlives the run
 };
 
+using StopHook = void (*)();
+/// What this thread calls whenever its loops ask whether to stop; null: nothing. It may set the flag.
+inline constinit thread_local StopHook before_stop_check = nullptr;
 /// Set by SIGINT and SIGTERM: loops end with zero torque and a summary.
 inline std::atomic<bool>& stop_requested() {
   static std::atomic<bool> flag{false};
+  if (before_stop_check != nullptr) before_stop_check();
   return flag;
 }
 /// Whether a run that has recorded so many ticks must end, as a replay at the tick of the recording's end.

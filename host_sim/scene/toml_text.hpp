@@ -22,6 +22,16 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
 /// Merges overrides into a parsed scene, as parse_scene_text does.
 void merge_overrides(toml::table& scene, const std::vector<std::string>& sets);
 
+/// While it lives, this thread finds `text` in the scene file `file`: that of who has read it before. Both
+/// outlive it; one at a time.
+class ReadBefore {
+ public:
+  ReadBefore(const std::string& file, const std::string& text);
+  ReadBefore(const ReadBefore&) = delete;
+  ReadBefore& operator=(const ReadBefore&) = delete;
+  ~ReadBefore();
+};
+
 /// Place of a node, for messages: "FILE:LINE", or "--set key=value".
 std::string place(const toml::node& node, const std::string& file);
 /// Returns `where`, followed by " with" and every other --set at or below `nodes`; null nodes are skipped.
