@@ -381,6 +381,7 @@ class Hostile(unittest.TestCase):
         theta, rates = five["state"]["theta"], five["state"]["thetad"]
         for change, words in ((state(theta=[theta[0] + 1e-3, *theta[1:]]), "'state.theta' of leg 1 does not lead to"), (state(x=five["state"]["x"] + 1e-3), "'state.theta'"),
                               (state(thetad=[*rates[:3], rates[3] + 0.1]), "'state.thetad' of leg 2"),
+                              (lambda c: c["mode"].update(assembly=-c["mode"]["assembly"]), "'state.x', 'state.y' is of the other assembly mode"),
                               (law("lambda", -1), "'esmc.lambda' must be >= 0"), (law("k", -1e-9), "'esmc.k' must be >= 0"),
                               (law("eps", 0.0), "'esmc.eps' must be > 0"), (law("eps", -1), "'esmc.eps' must be > 0"),
                               (lambda c: c["params"]["legs"].append(c["params"]["legs"][0]), "'params.legs' must have 2"), (lambda c: c["params"]["legs"].pop(), "'params.legs'")):
