@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <exception>
+#include <future>
 #include <mutex>
 #include <thread>
 #include <vector>
+
+#include "host_sim/record/run_options.hpp"
 
 namespace esmc::host {
 
@@ -22,10 +26,13 @@ void run_jobs(int jobs, const std::function<void(int)>& work) {
       if (!first) first = std::current_exception();
     }
   };
-  std::vector<std::thread> threads;
-  for (int i = 1; i < jobs; ++i) threads.emplace_back(safely, i);
+  std::vector<std::future<void>> others;
+  for (int i = 1; i < jobs; ++i) others.push_back(std::async(std::launch::async, safely, i));
   safely(0);
-  for (std::thread& t : threads) t.join();
+  for (const std::future<void>& o : others) {
+    // Asked for whoever hears of signals in this thread alone: the others stop, too.
+    while (o.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) (void)stop_requested();
+  }
   if (first) std::rethrow_exception(first);
 }
 

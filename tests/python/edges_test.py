@@ -80,6 +80,28 @@ class Signals(unittest.TestCase):
                 work()
         self.assertIs(signal.getsignal(signal.SIGINT), handler)
 
+    def test_ctrl_c_while_other_threads_of_a_batch_have_all_the_work(self):
+        with tempfile.TemporaryDirectory() as d:
+            spec = pathlib.Path(d, "spec.toml")
+            spec.write_text(f"""scene = "{CIRCLE}"
+set = ["simulation.duration={ENDLESS}", "reference.join=0.1"]
+[sample]
+method = "latin_hypercube"
+count = 1
+[[vary]]
+key = "control.gain"
+from = 80.0
+to = 90.0
+""", encoding="utf-8")
+            for work in ("esmc.rollout(s, {}, n=1, threads=5)", f"esmc.sweep({str(spec)!r}, threads=5)"):
+                ended = python(f"""
+import signal
+s = esmc.Scene.load(CIRCLE).set("simulation.duration", {ENDLESS}).set("reference.join", 0.1)
+threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+try: {work}
+except KeyboardInterrupt: print("ended")""", 30)
+                self.assertEqual(ended.stdout, "ended\n", ended.stderr)
+
     def test_a_handler_that_raises_nothing_cuts_nothing(self):
         calls, whole = [], esmc.run(short(CIRCLE, 300.0)).digest
         for handler in (lambda *_: calls.append(1), signal.SIG_IGN):
