@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-#include "host_sim/record/run_options.hpp"
+#include "host_sim/stop.hpp"
 
 namespace esmc::host {
 

@@ -12,7 +12,7 @@
 #include <new>
 
 #include "host_sim/error.hpp"
-#include "host_sim/record/run_options.hpp"
+#include "host_sim/stop.hpp"
 
 namespace esmc::host {
 namespace {

@@ -1,12 +1,13 @@
 #pragma once
 /// Options of the run commands: sim, hil, plant, controller, and commands that run a scene.
 
-#include <atomic>
 #include <cstdint>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "host_sim/stop.hpp"
 
 namespace esmc::host {
 
@@ -59,15 +60,6 @@ struct RunOptions {
       nullptr;  ///< sim, hil, check, margins: takes the result, nothing is printed; outlives the run
 };
 
-using StopHook = void (*)();
-/// What this thread calls whenever its loops ask whether to stop; null: nothing. It may set the flag.
-inline constinit thread_local StopHook before_stop_check = nullptr;
-/// Set by SIGINT and SIGTERM: loops end with zero torque and a summary.
-inline std::atomic<bool>& stop_requested() {
-  static std::atomic<bool> flag{false};
-  if (before_stop_check != nullptr) before_stop_check();
-  return flag;
-}
 /// Whether a run that has recorded so many ticks must end, as a replay at the tick of the recording's end.
 inline bool must_stop(const RunOptions& o, std::uint64_t ticks) {
   return stop_requested() || (o.again.ticks && ticks >= *o.again.ticks);
