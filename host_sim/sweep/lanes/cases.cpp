@@ -9,7 +9,7 @@
 #include "host_sim/controller/numbers.hpp"
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/plant/plant.hpp"
-#include "host_sim/record/run_options.hpp"
+#include "host_sim/stop.hpp"
 
 namespace esmc::host {
 namespace {
@@ -162,7 +162,7 @@ void run_lane_jobs(const LaneKernel& kernel, const std::vector<LaneJob>& jobs, s
     cases.push_back(jobs[std::min(i, jobs.size() - 1)].numbers);  // the rest for nothing
   out.assign(lanes, {});
   LaneSettings settings = jobs.front().settings;
-  settings.stop = &stop_requested();
+  settings.stopped = +[] { return stop_requested().load(); };
   kernel.run(settings, cases.data(), out.data());
   out.resize(jobs.size());
 }

@@ -3,7 +3,6 @@
 /// effects. The loop (loop.hpp) is compiled for several instruction sets; the widest of this machine is used.
 
 #include <array>
-#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -31,7 +30,7 @@ struct LaneSettings {
       nullptr;              ///< its rows of all ticks, see fill_references; null: each group computes them
   bool driven = false;      ///< by given torques: no controller, reference and sums
   std::uint32_t every = 0;  ///< driven: states are kept every so many ticks from the start on, 0: none
-  const std::atomic<bool>* stop = nullptr;  ///< once true, all lanes end, not ok
+  bool (*stopped)() = nullptr;  ///< once true, all lanes end, not ok
 
   friend bool operator==(const LaneSettings&, const LaneSettings&) = default;
 };

@@ -59,7 +59,7 @@ class LaneLoop {
 
   void run(LaneScore* out) {
     if (settings_.driven) {
-      for (std::uint32_t i = 0; i < settings_.ticks && going_on(); ++i) drive(i);
+      for (std::uint32_t i = 0; i < settings_.ticks && (i % block != 0 || going_on()); ++i) drive(i);
       keep_state();
     } else {
       follow();
@@ -71,13 +71,13 @@ class LaneLoop {
   }
 
  private:
+  static constexpr std::uint32_t block = 64;  // ticks between two looks at what ends a run
   [[nodiscard]] bool going_on() {
-    if (settings_.stop != nullptr && settings_.stop->load(std::memory_order_relaxed)) fine_ = Mask(false);
+    if (settings_.stopped != nullptr && settings_.stopped()) fine_ = Mask(false);
     return !none(fine_);
   }
   /// All ticks under the controller.
   void follow() {
-    constexpr std::uint32_t block = 64;
     alignas(64) std::array<double, static_cast<std::size_t>(block * 6 * n)> track;
     for (std::uint32_t first = 0; first < settings_.ticks && going_on(); first += block) {
       const std::uint32_t count = settings_.ticks - first < block ? settings_.ticks - first : block;
