@@ -112,9 +112,9 @@ def random_parameters(draw, scene, own, n):
 def settings_of(scene, case):
     """The scene with all settings of a case at once; None: it is refused. plant.: the controller believes the scene without it."""
     def with_sets(s, more):
-        file, sets = s.__getstate__()
+        *where, sets = s.__getstate__()
         out = esmc.Scene.__new__(esmc.Scene)
-        out.__setstate__((file, sets + [f"{key}={json.dumps(v)}" for key, v in more.items()]))
+        out.__setstate__((*where, sets + [f"{key}={json.dumps(v)}" for key, v in more.items()]))
         return out
     try:
         out = with_sets(scene, {key: v for key, v in case.items() if not key.startswith("plant.")})
