@@ -30,7 +30,7 @@ void run_jobs(int jobs, const std::function<void(int)>& work) {
   for (int i = 1; i < jobs; ++i) others.push_back(std::async(std::launch::async, safely, i));
   safely(0);
   for (const std::future<void>& o : others) {
-    // Asked for whoever hears of signals in this thread alone: the others stop, too.
+    // A hook of this thread may hear of a signal here; the other threads then find the request.
     while (o.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) (void)stop_requested();
   }
   if (first) std::rethrow_exception(first);
