@@ -29,7 +29,7 @@ FINDING = re.compile(r"^(\S+?):(\d+):(\d+): (?:warning|error): (.*) \[([\w.,-]+)
 
 
 def without_precompiled_headers(arguments):
-    """The arguments without what CMake adds for a precompiled header of gcc or clang."""
+    """The arguments without what CMake adds for a precompiled header of gcc or clang, and what only gcc takes."""
     kept, skip = [], 0
     for at, word in enumerate(arguments):
         following = arguments[at:at + 4]
@@ -39,7 +39,7 @@ def without_precompiled_headers(arguments):
             skip = 3
         elif word == "-include" and len(following) > 1 and "cmake_pch" in following[1]:
             skip = 1
-        elif word not in ("-Winvalid-pch", "-Wno-maybe-uninitialized", "-fpch-instantiate-templates", "-fcallgraph-info=su"):
+        elif not word.startswith("--param=") and word not in ("-Winvalid-pch", "-Wno-maybe-uninitialized", "-fpch-instantiate-templates", "-fcallgraph-info=su"):
             kept.append(word)
     return kept
 
