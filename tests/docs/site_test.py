@@ -13,7 +13,7 @@ import tempfile
 import urllib.parse
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-USER_PAGES_MAX = 27
+USER_PAGES_MAX = 26
 
 
 class Page(html.parser.HTMLParser):
