@@ -59,7 +59,7 @@ void law_five_bar(benchmark::State& state) {
   }
 }
 
-/// `counted`: for who counts instructions, each state once, however slow the machine is; their number depends
+/// `counted`: for counting instructions, each state once, however slow the machine is; their number depends
 /// on the state.
 inline void add_law(bool counted, const char* name, void (*law)(benchmark::State&)) {
   auto* const registered = benchmark::RegisterBenchmark(name, law);

@@ -5,9 +5,9 @@ usage: stack_bound.py ELF BUILD_FOLDER
        stack_bound.py --self-test
 
 Sums the frames along every path from esmc_reset, and adds those of the interrupt that may come on top. Refused: recursion, calls through pointers, frames whose size is known at run
-time only, functions that nobody knows. One exception: what the controller calls through a pointer is an optional part, a function
-of namespace esmc::part, or nothing (null). Such a call counts as one of every part that is in the image; without any it calls
-nobody. Frames of the C library's few functions are read from their instructions. On top comes what an exception pushes.
+time only, unknown functions. One exception: what the controller calls through a pointer is an optional part, a function
+of namespace esmc::part, or nothing (null). Such a call counts as one of every part that is in the image; without any it calls none.
+Frames of the C library's few functions are read from their instructions. On top comes what an exception pushes.
 Exit 1 where the bound is above what the image reserves."""
 import re
 import subprocess
@@ -16,7 +16,7 @@ from pathlib import Path
 
 EXCEPTION = 112  # 26 registers with the FPU's, and 8 for alignment
 HANDLER = "esmc_can_interrupt"
-GUARD = 256      # of what is reserved nobody may use the lowest part
+GUARD = 256      # the lowest part of the reserve must stay unused
 INDIRECT = "__indirect_call"                # as gcc names the target of a call through a pointer
 PART = re.compile(r"_ZN4esmc4part")         # mangled: functions of esmc::part
 CALLER = re.compile(r"_Z+NK?4esmc10ControllerI")  # and of esmc::Controller, lambdas within them too
@@ -52,7 +52,7 @@ def with_parts(calls, image):
 
 
 def library_frame(listing):
-    """Bytes that a function of the C library pushes, and whom it calls."""
+    """Bytes that a function of the C library pushes, and the functions it calls."""
     if called := re.search(r"\tblx\t.*", listing):
         raise Refused(f"a library function that calls through a pointer: {called[0]}")
     words = 0

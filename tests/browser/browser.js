@@ -128,7 +128,7 @@ async function refusesStrangers(browser, address) {
     url.searchParams.set("token", wrong);
     assert.equal((await page.goto(url.href)).status(), 403);
   }
-  // A page of somebody else, in the same browser, which even knows the token.
+  // A page of another origin, in the same browser, which even knows the token.
   const foreign = http.createServer((_, answer) => answer.setHeader("content-type", "text/html").end("<!doctype html><title>foreign</title>"));
   await new Promise((done) => foreign.listen(0, "127.0.0.1", done));
   await page.goto(`http://127.0.0.1:${foreign.address().port}/`);

@@ -108,7 +108,7 @@ if (shot) {
     await noForce(page);
     await page.keyboard.down("ArrowUp");
     await forceOver(page, 1);
-    await page.evaluate(() => document.activeElement.blur());  // whoever looks away lets go
+    await page.evaluate(() => document.activeElement.blur());  // losing focus releases the pull
     await noForce(page);
     assert.equal(await text(page, "state"), "running");
     await sound(page);

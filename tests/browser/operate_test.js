@@ -86,7 +86,7 @@ const goTo = async (page, a, b) => {
   await page.fill("#goto [name=b]", String(b));
   await page.click("#goto [type=submit]");
 };
-/** The page neither answers nor lets go for so long. Returns where it has seen the effector last, mm. */
+/** The page neither answers nor releases for this time. Returns where it has seen the effector last, mm. */
 const hang = (page, ms) => page.evaluate((t) => {
   const at = document.getElementById("effector").textContent, end = Date.now() + t;
   while (Date.now() < end);
@@ -145,7 +145,7 @@ if (shot) {
     await page.focus("#pad");
     await page.keyboard.down("ArrowRight");
     await beyond(page, await x(page) + 4);
-    await page.evaluate(() => document.activeElement.blur());  // who looks away lets go
+    await page.evaluate(() => document.activeElement.blur());  // losing focus releases the pull
     await holdsNear(page, 3);
     await page.keyboard.up("ArrowRight");
     assert.equal(await text(page, "state"), "running");
@@ -243,7 +243,7 @@ if (shot) {
     await state(watcher, "off");
     assert.ok(b.can.statuses.slice(closed).findIndex(({ state: s }) => states[s] !== "running") <= 100);
     assert.deepEqual(b.can.statuses.slice(closed).filter(({ fault }) => fault !== 0), []);
-    // Whoever watches can take over then.
+    // A watching page can then take control.
     await watcher.click("#take");
     await watcher.click("[data-do=arm]");
     await state(watcher, "running");
@@ -349,7 +349,7 @@ if (shot) {
     await b.end();
   });
 
-  test("strangers and floods are refused, and the ticks go on", async () => {
+  test("foreign origins and floods are refused, and the ticks go on", async () => {
     const b = await bench();
     await refusesStrangers(browser, b.url);
     const page = await armed(b), before = b.can.statuses.length;

@@ -157,7 +157,7 @@ class Bus(unittest.TestCase):
         after = max(abs(float(r["theta11"]) - float(r["theta11_ref"])) for r in rows if float(r["t"]) > 0.5)
         self.assertLess(after, 2 * calm)
 
-    def test_somebody_who_commands_our_drives_is_a_fault(self):
+    def test_foreign_command_is_a_fault(self):
         summary, _ = hil(TIMED, '{type="babbling_node", identifier=0x2E, rate_hz=500, from=0.3}')
         self.assertEqual([f["name"] for f in summary["supervisor"]["faults"]], ["foreign_controller"])
 

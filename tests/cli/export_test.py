@@ -35,7 +35,7 @@ def main():
         expect(run.returncode == 2 and not run.stdout and run.stderr.startswith("esmc: ") and run.stderr.count("\n") == 1 and
                what in run.stderr, f"{arguments}: exit {run.returncode}: {run.stderr}")
 
-    for form in ("mjcf", "urdf"):  # what is no character of XML
+    for form in ("mjcf", "urdf"):  # characters that XML forbids
         xml.fromstring(good(circle, form, "--set", 'name="a\\uFFFE<b--"'))
     for scene, joints in ((circle, 4), (friction, 4), (arm, 2)):
         tree = xml.fromstring(good(scene, "mjcf"))

@@ -112,7 +112,7 @@ def snippet(bench):
 
 
 def payload(bench):
-    """A mass nobody has told of: no table that is impossible; a payload, where factors near 1 explain the rest. Neither: said so."""
+    """A mass missing from the scene: no table that is impossible; a payload, where factors near 1 explain the rest. Neither: said so."""
     scene = bench.scenes / "five_bar_identification.toml"
     known = effects([0.01, 0.002] * 2, [0.02, 0.004] * 2)
     for mass in (0.05, 0.1):

@@ -145,7 +145,7 @@ def elbow_controller(bench):
 
 
 def elbow_identified(bench):
-    """A rotor that nobody told of is named, written, and then known."""
+    """A rotor missing from the scene is named, written, and then known."""
     arm = bench.scenes / "rr_line.toml"
     leg = ", ".join(f"{k} = {v}" for k, v in ARM.items())
     text = arm.read_text(encoding="utf-8").replace("[control]\n", f'[control]\nmodel = {{ mechanism = {{ type = "rr", gravity = 9.8, working_mode = ["+"], leg = {{ {leg} }} }} }}\n')
@@ -262,7 +262,7 @@ def motors(bench):
         run = bench.run("sim", five, "--set", f"control.model.{key}={value}")
         expect(run.returncode == 2 and what in run.stderr and key in run.stderr and run.stderr.count("\n") == 1, f"{key}={value}: {run.returncode} {run.stderr}")
     run = bench.run("sim", five, "--set", "control.motors=all", "--set", "control.model.ripple={amplitude=0.1, per_turn=3}")
-    expect(run.returncode == 2 and "sensors" in run.stderr, f"an elbow whose angle nobody measures: {run.returncode} {run.stderr}")
+    expect(run.returncode == 2 and "sensors" in run.stderr, f"an elbow without an encoder: {run.returncode} {run.stderr}")
 
 
 def main():

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""esmc live from outside, as those see it who must not get in and those who may: tokens, origins, hosts, sizes, floods.
+"""esmc live from outside, with and without permission: tokens, origins, hosts, sizes, floods.
 
 Usage: live_test.py ESMC SCENE
 """
@@ -266,7 +266,7 @@ def crowds(bench, page):
         s.sendall(b"GET / HTTP/1.1\r\nHost: ")
         slow.append(s)
     goes_on(page)
-    # Whoever does not finish a request is shown out.
+    # Unfinished requests are closed.
     for s in slow[:20]:
         s.settimeout(PATIENCE)
         try:
@@ -276,7 +276,7 @@ def crowds(bench, page):
             pass
     for s in slow:
         s.close()
-    for _ in range(300):  # and whoever hangs up at once
+    for _ in range(300):  # and connections closed at once
         bench.connect().close()
     deaf = Page(bench)  # reads nothing, while the loop goes on
     goes_on(page)
@@ -458,7 +458,7 @@ def main():
     assert summary["samples_dropped"] == 0 and summary["final_state"] == "disabled", summary
     assert [f["fault"] for f in summary["faults"]] == ["drive_error"], summary
     assert summary["server"]["malformed"] >= 20 and summary["server"]["too_long"] >= 2 and summary["server"]["refused"] > 40, summary
-    print("live bench: refuses who must not get in, and goes on")
+    print("live bench: refuses unauthorised clients, and goes on")
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ class CycleRun {
   void push(const hal::CanFrame& f) {
     silent_ = false;
     order(f, cycle_.link().session());
-    if (commands(f)) impostor_ = true;
+    if (commands(f)) foreign_command_ = true;
     last_ = f;
     bus_.waiting.push_back(f);
   }
@@ -257,7 +257,7 @@ class CycleRun {
         in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02);
         break;
       case 6:
-        if (!bus_.unread().empty()) impostor_ = false;  // it may never have been heard
+        if (!bus_.unread().empty()) foreign_command_ = false;  // it may never have been heard
         bus_ = {};
         rate_ = {};
         angle_ = setup_.angle;
@@ -357,7 +357,8 @@ class CycleRun {
       silent_ = true;
       ordered_enable_ = ordered_reset_ = false;
     }
-    impostor_ = std::ranges::any_of(bus_.unread(), [&](const hal::CanFrame& f) { return commands(f); });
+    foreign_command_ =
+        std::ranges::any_of(bus_.unread(), [&](const hal::CanFrame& f) { return commands(f); });
     refused_off_ = refused_off();
     bus_.clear();
   }
@@ -404,12 +405,12 @@ class CycleRun {
     require(cycle_.drive_enable() == (r.state != State::disabled && r.state != State::fault),
             "drive_enable as the table has it");
     if (!has_torque(r.state)) require(r.torque.isZero(0), "no torque in this state");
-    if (!cycle_.heard()) require(!has_torque(r.state), "no torque for drives that nobody has heard");
+    if (!cycle_.heard()) require(!has_torque(r.state), "no torque for drives that have sent no frame");
 
     const bool off = r.state == State::fault || r.state == State::disabled;
     if (!closed_) require(off, "an open enable input ends it at once");
     if (refused_off_) require(off, "a bus that was left ends it in the next tick");
-    if (impostor_) require(off, "so does somebody else's torque");
+    if (foreign_command_) require(off, "so does a foreign torque");
     quiet_ticks_ = silent_ ? quiet_ticks_ + 1 : 0;
     if (quiet_ticks_ > 2) require(!has_torque(r.state), "no torque without samples");
     for (std::size_t i = 0; i < axes_; ++i) {  // nor without those of one encoder alone
@@ -424,7 +425,7 @@ class CycleRun {
 
   /// What it sent, and what the bus did not take: one that is refused now may be taken in the next run.
   void frames(const TickResult<M>& r, bool answer) {
-    called_ = called_ || r.state == State::enabling;
+    enabled_once_ = enabled_once_ || r.state == State::enabling;
     std::array<int, joints> torques{};
     for (const auto& f : bus_.tried) {
       if (f.id >= link_base && f.id < link_base + 32) {
@@ -446,7 +447,7 @@ class CycleRun {
           break;
         case Said::Kind::alive:
           require(r.state != State::fault, "a controller with a fault keeps no drive alive");
-          require(called_, "nor does one that has never called it");
+          require(enabled_once_, "nor does one that has never enabled it");
           break;
         case Said::Kind::asking:
         case Said::Kind::unknown:
@@ -455,9 +456,10 @@ class CycleRun {
     }
     for (std::size_t i = 0; i < axes_; ++i) {
       const std::size_t motor = motor_of(i);
-      const bool muted = cycle_.axis(static_cast<int>(i)).tx_suspended();
-      require(!muted || !has_torque(r.state), "nobody is starved under torque");
-      require(torques[i] == (answer && motor < 4 && !muted ? 1 : 0), "one torque command for each motor");
+      const bool tx_suspended = cycle_.axis(static_cast<int>(i)).tx_suspended();
+      require(!tx_suspended || !has_torque(r.state), "no watchdog test under torque");
+      require(torques[i] == (answer && motor < 4 && !tx_suspended ? 1 : 0),
+              "one torque command for each motor");
     }
   }
   /// 4: no motor.
@@ -492,8 +494,8 @@ class CycleRun {
   Bus bus_;
   Desk desk_;
   Command command_ = Command::none;
-  bool closed_ = true, obey_ = true, silent_ = true, impostor_ = false, refused_off_ = false;
-  bool called_ = false;  ///< enabling, once
+  bool closed_ = true, obey_ = true, silent_ = true, foreign_command_ = false, refused_off_ = false;
+  bool enabled_once_ = false;  ///< enabling, once
   bool ordered_enable_ = false, ordered_reset_ = false, asked_enable_ = false, asked_reset_ = false;
   unsigned quiet_ticks_ = 0;
   std::array<bool, joints> heard_of_{};

@@ -188,7 +188,7 @@ class OdriveRun final : public DriveRun {
       silent_ = 0;
       told_ = test::real(f, 0);
       if (!std::isfinite(told_) && !settings_.defects.no_nan_check) {
-        require(!axis_->closed_loop() && axis_->error() != 0, "what is no number disarms");
+        require(!axis_->closed_loop() && axis_->error() != 0, "NaN disarms");
       }
     }
     if (axis_->closed_loop() && !was_closed_) {

@@ -295,7 +295,7 @@ class Run {
     if (r.has_point || r.has_sample || r.hold)
       require(supervisor_.state() == State::running, "guided while running only");
     const link::StoreRequest wish = link_.take_store_request();
-    require(wish == link::StoreRequest::none || storing_ == 3, "nothing is stored that nobody asked for");
+    require(wish == link::StoreRequest::none || storing_ == 3, "nothing is stored that was not requested");
     if (storing_ > 0 && --storing_ == 0)
       store_ = (choice_ & 1U) != 0 ? link::StoreState::stored : link::StoreState::failed;
     if (has_store_ && storing_ == 0) link_.store_status({.state = store_});

@@ -103,7 +103,7 @@ class Run {
       const bool ours = v3() ? f.extended && !f.remote && f.id % 256 == 5 && f.id < 0x1100
                              : !f.extended && !f.remote && f.id == 5;
       require((r == Received::foreign_command) == ours,
-              "what comes on the node and is no reply is a command of somebody");
+              "what comes on the node and is no reply is a foreign command");
       return;
     }
     if (v3()) {

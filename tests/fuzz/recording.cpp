@@ -127,7 +127,7 @@ std::optional<host::RecordedTable> table(const std::string& text, double tick) {
   }
   times(*out, tick);
   const auto without = host::read_table(file, asked, "");
-  require(without.words.empty() && without.columns == out->columns, "words that nobody asks for are none");
+  require(without.words.empty() && without.columns == out->columns, "unrequested text columns are empty");
   return out;
 }
 

@@ -141,7 +141,7 @@ struct Chip {
   void take_away(unsigned way) { model.options = g4 ? (way % 2 == 0 ? 1U << 22 : 1U << 20) : 1U << 31; }
   [[nodiscard]] bool usable() const { return model.options == 0; }
   [[nodiscard]] Raw look(unsigned slot) const {
-    test::FlashModel copy = model;  // it notes who reads, and when
+    test::FlashModel copy = model;  // it logs reads and their times
     Raw w;
     for (unsigned i = 0; i < record_words; ++i) {
       std::uint32_t cached = 0;
@@ -328,7 +328,7 @@ class Run {
 
   void store() {
     const Bits g = gains();
-    if (!image_.takes(g)) return;  // who stores has judged them
+    if (!image_.takes(g)) return;  // the caller of store checks them
     order([&] { slots_->store(std::bit_cast<link::Gains>(g)); }, g);
   }
   template <class Give>

@@ -140,7 +140,7 @@ def main():
     until(bus, desk, lambda: desk.effector is not None, "telemetry")
     x0, y0 = desk.effector
     report["start"] = [x0, y0]
-    # A small one: whoever is not scheduled for some seconds goes straight on for so long.
+    # A small one: a process that is not scheduled for some seconds goes straight on for so long.
     radius, centre, speed = 0.005, (x0 - 0.005, y0), 3.0
     target = (centre[0], centre[1] + radius)
     bus.send(desk.pair(1, target, 1e-6))

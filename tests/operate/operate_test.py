@@ -551,7 +551,7 @@ class Unattended(Bench):
     """The scene's own reference goes on without a console, and nothing else does."""
     sets = [*SETS, "--set", "reference.unattended=true", "--set", "reference.speed=0.2"]
 
-    def test_a_reference_that_needs_nobody(self):
+    def test_unattended_reference(self):
         self.assertIn("running unattended", self.good("run"))
         begin = len(self.ear.statuses)
         self.ear.wait(lambda: len(self.ear.statuses) > begin + 3 * SILENCE, "Status")

@@ -157,7 +157,7 @@ class FdcanModel {
     if (f) delivered();
     return f;
   }
-  /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus.
+  /// No acknowledgement, or the bits came back wrong: 8 more errors; above 255 off the bus.
   void spoiled() {
     lost();
     tec_ += 8;
@@ -265,7 +265,7 @@ class FdcanModel {
       if (((f.id ^ id) & mask) == 0) return true;
     }
     const std::uint32_t others = gfc >> (f.extended ? 2 : 4) & 3U;
-    if (others == 1) fault("frames into FIFO 1, which nobody reads");
+    if (others == 1) fault("frames into FIFO 1, which is not read");
     return others == 0;
   }
   std::uint64_t rank(std::uint32_t i) {

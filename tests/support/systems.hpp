@@ -1,6 +1,6 @@
 #pragma once
-/// Systems with known solutions, for the integrators. Entries beyond size() hold a mark that nobody may
-/// touch.
+/// Systems with known solutions, for the integrators. Entries beyond size() hold a mark that must not be
+/// touched.
 
 #include <algorithm>
 #include <array>

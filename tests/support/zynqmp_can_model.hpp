@@ -74,7 +74,7 @@ class ZynqmpCanModel {
       case 0x1C:
         return fault("writes a register that is for reading");
       case 0x20:
-        if (v != 0) fault("asks for interrupts that nobody serves");
+        if (v != 0) fault("asks for interrupts without a handler");
         break;
       case 0x24:
         events_ = (events_ & ~v) | (rx_.empty() ? 0U : 1U << 7);
@@ -112,7 +112,7 @@ class ZynqmpCanModel {
     if (f) delivered();
     return f;
   }
-  /// Nobody acknowledged, or the bits came back wrong: 8 more errors; above 255 off the bus. FIFOs keep what
+  /// No acknowledgement, or the bits came back wrong: 8 more errors; above 255 off the bus. FIFOs keep what
   /// they have.
   void spoiled() {
     tec_ += 8;

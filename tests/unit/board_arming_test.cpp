@@ -77,7 +77,7 @@ class Bench {
   void cut() {
     for (auto& axis : axes_) axis.reset();
   }
-  /// Nobody runs the program; frames are lost.
+  /// The program does not run; frames are lost.
   void freeze(double seconds) {
     board_.now += static_cast<std::uint32_t>(static_cast<std::uint64_t>(seconds * 1e6));
   }

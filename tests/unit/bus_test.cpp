@@ -389,7 +389,7 @@ TEST(BusEffects, LossMissesReceiversEachForItself) {
   EXPECT_EQ(drives, n);
   EXPECT_NEAR(controller, 0.75 * n, 4.0 * std::sqrt(n * 0.25 * 0.75));  // four standard deviations
   EXPECT_EQ(rig.bus.counts().missed, static_cast<std::uint64_t>(n - controller));
-  EXPECT_EQ(rig.bus.counters(1).state(), State::active) << "nobody notices";
+  EXPECT_EQ(rig.bus.counters(1).state(), State::active) << "no error is detected";
 }
 
 TEST(BusEffects, ActFromTheirBeginningToTheirEnd) {

@@ -74,7 +74,7 @@ TEST(SerialPort, BitRatesAreThoseOfTheProtocol) {
   for (const int r : {0, -1, 1, 83'333, 750'000, 1'000'001}) EXPECT_EQ(hal::slcan_speed(r), -1);
 }
 
-/// Nobody reads until the line is full, and then as slowly as can be: what was accepted is whole, and in
+/// The line is not read until it is full, and then as slowly as can be: what was accepted is whole, and in
 /// order.
 TEST(SerialPort, AFullLineTakesWholeLinesOrNothing) {
   Pair pair;

@@ -219,7 +219,7 @@ TEST(HasToShow, NoJumpByWholeSpansOfAPosition) {
   EXPECT_TRUE(shows(s, "sensor_jump", 0.9));
   EXPECT_FALSE(shows(s, "sensor_jump", 2.01));
 }
-TEST(HasToShow, NothingOfASensorThatNobodyReads) {
+TEST(HasToShow, UnreadSensorNeedNotShow) {
   const Sets four{"control.motors=\"all\"", "drives.nodes=[1, 2, 3, 4]"};
   const Scene base = scene("odrive", 1000.0, four);
   for (std::size_t drive = 0; drive < 4; ++drive) {

@@ -221,7 +221,7 @@ TEST_F(Court, TorqueUnderTheBrake) {
   tick();
   EXPECT_EQ(verdict(), "torque_before_armed");
 }
-TEST_F(Court, TorqueThatNobodyAllowed) {
+TEST_F(Court, TorqueNotAllowed) {
   word = {true, true, false, "none"};
   torque(1.0);
   tick();
@@ -299,7 +299,7 @@ TEST_F(Court, ResumeAfterAReset) {
   tick();
   EXPECT_EQ(verdict(), "");
 }
-TEST_F(Court, ATorqueThatNobodyRenews) {
+TEST_F(Court, TorqueNotRenewed) {
   accuse("controller_death");
   run();
   word.ticked = false;

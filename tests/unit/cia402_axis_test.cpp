@@ -450,7 +450,7 @@ TEST(Cia402Axis, APreOperationalDriveIsNotIdleAndIsStopped) {
   Bench fresh;
   EXPECT_FALSE(fresh.axis.idle()) << "never heard";
   fresh.tick(false);
-  EXPECT_FALSE(fresh.axis.idle()) << "and nobody knows what it does";
+  EXPECT_FALSE(fresh.axis.idle()) << "and its state is unknown";
 }
 
 /// RPDO1 does not reach it, and our heartbeat does: nothing else would end its torque after a stop.
@@ -479,7 +479,7 @@ TEST(Cia402Axis, ADriveThatDoesNotObeyItsControlwordIsStopped) {
   }
 }
 
-/// Somebody else's PDOs: it would not understand our controlword.
+/// PDO mapping of another master: the drive would not understand our controlword.
 TEST(Cia402Axis, ADriveWhosePdosAreNotOursIsAtLeastStopped) {
   Bench b;
   b.slave.state = 5;

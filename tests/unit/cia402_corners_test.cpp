@@ -128,7 +128,7 @@ TEST(Cia402Corners, OnlyReportsAfterTheVoltageWasDisabledMakeItIdle) {
   EXPECT_TRUE(b.axis.idle());
 }
 
-TEST(Cia402Corners, AnEnabledDriveThatNobodyAskedIsNotReady) {
+TEST(Cia402Corners, AnUnrequestedEnabledDriveIsNotReady) {
   Bench b;
   b.slave.obeys = false;
   b.slave.status = 0x0237;
@@ -277,7 +277,7 @@ TEST(Cia402Corners, WhatALongAnswerHasBesidesTheObjectIsNoMatter) {
 // -----------------------------------------------------------------------------------------------------------
 
 /// A drive that is left to these arms nothing: its rated torque is not 0.
-TEST(Cia402Corners, SettingsThatNobodyGave) {
+TEST(Cia402Corners, DefaultSettings) {
   const drive::Cia402Settings s;
   EXPECT_EQ(s.rated_torque, 0.0F) << "arms nothing";
   EXPECT_EQ(s.torque_limit, 0.0F);

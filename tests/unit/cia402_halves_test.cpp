@@ -19,7 +19,7 @@ TEST(Cia402Axis, ADriveThatBootsDuringItsSetUpIsCalledAtOnce) {
   EXPECT_EQ(b.count(0x000), 1) << "not the next object first";
 }
 
-/// It may have missed our heartbeat, and would be watched by nobody until it hears the next one: time for
+/// It may have missed our heartbeat, and would not be monitored until it hears the next one: time for
 /// that is in the set-up.
 TEST(Cia402Axis, AFaultOnTheWayToTorqueIsFollowedByTheWholeSetUp) {
   for (const unsigned told : {0x07U, 0x0FU}) {
@@ -167,7 +167,7 @@ TEST(Cia402Axis, ADriveWhoseSetsAreAllCutInTwoIsEnabledAndReleased) {
   EXPECT_TRUE(b.axis.idle());
 }
 
-/// Nobody asks for sets here, so that nothing but the set-up lies before the first PDO.
+/// No sets are requested here, so that nothing but the set-up lies before the first PDO.
 TEST(Cia402Axis, TheFirstSetHasTwoHalvesAsWell) {
   for (const bool report_first : {true, false}) {
     Bench b;

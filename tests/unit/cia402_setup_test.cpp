@@ -214,7 +214,7 @@ TEST(Cia402Axis, NonsenseAsRatedTorqueOfTheSceneArmsNothing) {
 
 /// It is seen for at least one whole tick, and the next enabling begins anew: the drive may have been put
 /// right.
-TEST(Cia402Axis, AContradictionLastsUntilNobodyAsksAnyMore) {
+TEST(Cia402Axis, AMismatchLastsUntilDisable) {
   Bench b;
   b.slave.says[entry(0x6076, 0)] = 1000;
   ASSERT_TRUE(b.until([&] { return b.axis.config_mismatch(); }));
@@ -261,7 +261,7 @@ TEST(Cia402Axis, ALateAnswerIsAnAnswer) {
   EXPECT_EQ(b.slave.writes.back().first, entry(0x6060, 0));
 }
 
-TEST(Cia402Axis, AnswersToNobodysQuestionDoNothing) {
+TEST(Cia402Axis, UnrequestedAnswersDoNothing) {
   Bench b;
   b.slave.silent.insert(entry(0x6502, 0));
   ASSERT_TRUE(b.make_ask(entry(0x6502, 0)));

@@ -16,7 +16,7 @@ class ControlCorners : public testing::Test {};
 using Scalars = testing::Types<float, double>;
 TYPED_TEST_SUITE(ControlCorners, Scalars);
 
-TYPED_TEST(ControlCorners, WhatNobodySetStandsStill) {
+TYPED_TEST(ControlCorners, UnsetReferenceStandsStill) {
   using S = TypeParam;
   const PhaseClock clock;
   for (const std::uint32_t tick : {0U, 1U, 12345U, 0xFFFF'FFFFU})
@@ -113,7 +113,7 @@ TYPED_TEST(ControlCorners, ANegativeZeroOfTimeIsZero) {
   EXPECT_FALSE(std::signbit(curve.at(S(-0.0)).position[0]));
 }
 
-TYPED_TEST(ControlCorners, AReferenceThatNobodySetIsNotJoined) {
+TYPED_TEST(ControlCorners, UnsetReferenceIsNotJoined) {
   using S = TypeParam;
   JoinedReference<S> j;
   const Vec2<S> here(S(0.5), S(0.25));

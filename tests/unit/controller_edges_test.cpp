@@ -319,8 +319,7 @@ struct Part {
   static void observe(const ControllerConfig<M>&, const Tracking<M>&, PartMemory<M>& memory) {
     for (int i = 0; i < 2; ++i) memory.disturbance[i] = static_cast<typename M::Scalar>(disturbance[i]);
   }
-  /// Motors give an eighth less than they are asked for; broken, the first one is asked for what is no
-  /// number.
+  /// Motors give an eighth less than they are asked for; broken, the first one is asked for NaN.
   template <class M>
   static void correct(const ControllerConfig<M>&, const Sample<M>&, MotorTorque change,
                       Vec<typename M::Scalar, M::joints>& torque) {

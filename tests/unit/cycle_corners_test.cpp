@@ -110,7 +110,7 @@ TEST(CycleCorners, OnlyTheSilentDriveIsAskedWhileItIsMissing) {
 }
 
 /// In lockstep a tick without an answer counts the time that has passed, not one tick.
-TEST(CycleCorners, TheTimeThatPassedCountsWhileNobodyAnswers) {
+TEST(CycleCorners, TimeCountsWithoutAnswers) {
   const auto ticks_to_fault = [](std::uint32_t us) {
     auto s = setup<Five>();
     s.controller.enabling_ticks_max = 40;

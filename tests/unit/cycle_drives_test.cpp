@@ -60,7 +60,7 @@ TEST(CycleDrives, WhatIsNotConfiguredTakesItsUsualValue) {
   EXPECT_TRUE(c.confirmed && c.zero_absolute && c.samples_timed);
 }
 
-/// The places behind the last axis hold drives too, which nobody configured.
+/// The places behind the last axis hold drives too, unconfigured ones.
 TEST(CycleDrives, NothingIsAskedOfAnAxisBehindTheLastOne) {
   Bench b;
   stranger.error = stranger.emergency = stranger.mismatch = true;
@@ -417,7 +417,7 @@ TEST(CycleDrives, ErrorsAreKnownWhenEveryAxisHasReported) {
   }
 }
 
-/// In lockstep a long time may pass between two ticks; under torque nobody waits for a drive.
+/// In lockstep a long time may pass between two ticks; under torque the cycle waits for no drive.
 TEST(CycleDrives, TimeThatPassesUnderTorqueIsNoWaitForDrives) {
   Bench b;
   ASSERT_TRUE(b.start());

@@ -159,7 +159,7 @@ TYPED_TEST(CycleFrames, AFloodBeforeACompleteSetIsSaidAtOnce) {
   EXPECT_FALSE(rig.cycle.overloaded());
 }
 
-/// A stranger, or an emergency stop that somebody else sends, is no sign that a drive of ours is there.
+/// A foreign node, or its emergency stop, is no sign that a drive of ours is there.
 TYPED_TEST(CycleFrames, OnlyOurDrivesCountAsHeard) {
   Rig<TypeParam> rig;
   EXPECT_FALSE(rig.cycle.heard());

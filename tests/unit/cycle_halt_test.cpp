@@ -196,7 +196,7 @@ TEST(Join, AWayThatNeedsMoreAccelerationThanAllowedIsNotTaken) {
   EXPECT_EQ(joins(0.0), Fault::none) << "0: any";
   EXPECT_EQ(joins(1.02 * most), Fault::none);
   EXPECT_EQ(joins(0.95 * most), Fault::join_infeasible);
-  EXPECT_EQ(joins(std::nan("")), Fault::join_infeasible) << "what is no number allows nothing";
+  EXPECT_EQ(joins(std::nan("")), Fault::join_infeasible) << "NaN allows nothing";
 }
 
 TEST(Join, IsRefusedBeforeItHasGoneFar) {

@@ -102,7 +102,7 @@ struct Inspector {
     for (std::size_t i = 0; i < rig.motors(); ++i) {
       if (test::node_of(f) == rig.node(rig.axis_of_motor(i))) axis = rig.axis_of_motor(i);
     }
-    ASSERT_NE(axis, 99U) << "a command to somebody else: " << std::hex << f.id;
+    ASSERT_NE(axis, 99U) << "a command to another node: " << std::hex << f.id;
     switch (test::command_of(f)) {
       case test::cmd_torque: {
         const float torque = test::real(f, 0);
@@ -128,7 +128,7 @@ struct Inspector {
         ASSERT_EQ(r.state, State::enabling);
         break;
       default:
-        FAIL() << "a command nobody should send: " << std::hex << f.id;
+        FAIL() << "a command that must not be sent: " << std::hex << f.id;
     }
   }
 };

@@ -287,7 +287,7 @@ TEST(CycleLink, HoldEndsTheWayToASetPoint) {
   EXPECT_EQ(l.tick().desired_effector, end);
 }
 
-TEST(CycleLink, SomebodyWhoSpeaksInOurNameIsAForeignController) {
+TEST(CycleLink, ASenderOfOurIdentifiersIsAForeignController) {
   Linked<FiveBar<double>> l;
   ASSERT_TRUE(l.rig.start());
   hal::CanFrame f = l.desk.make(0, 0);

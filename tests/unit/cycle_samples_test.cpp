@@ -201,7 +201,7 @@ TEST(CycleSamples, TheFirstStatusTellsWhetherTheZeroIsKnown) {
 
 // ---- frames of the link that waited
 
-/// Behind the last frame that a tick reads may be others, which nobody knows.
+/// Behind the last frame that a tick reads may be others, which are unknown.
 TEST(CycleSamples, ATickThatReads1024FramesIsFlooded) {
   for (const unsigned frames : {1023U, 1024U}) {
     Bench b;
@@ -239,7 +239,7 @@ struct HomingBench : Bench {
     for (int j = 0; j < 4; ++j) {
       const auto u = static_cast<unsigned>(j);
       config.zero_pose[j] = rounded(at_stops[u]);
-      first[j] = rounded(begin[u]) + 1.0;                            // by what nobody knows
+      first[j] = rounded(begin[u]) + 1.0;                            // by an unknown amount
       stop[j] = j % 2 == 0 ? rounded(at_stops[u]) + 1.0 : first[j];  // the passive joints do not move
     }
     encoder = first;

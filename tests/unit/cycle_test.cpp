@@ -294,7 +294,7 @@ TYPED_TEST(ControlCycle, AnEmergencyStopOnTheBusStrikesInTheTickThatHearsIt) {
 }
 
 /// Pressed while disabled, or while something else is wrong: no reset of an operator has been for it.
-TYPED_TEST(ControlCycle, AnEmergencyStopThatNobodyWasToldOfIsNamedAtTheNextEnabling) {
+TYPED_TEST(ControlCycle, AnUnreportedEmergencyStopIsNamedAtTheNextEnabling) {
   for (const bool faulty : {false, true}) {
     Rig<TypeParam> rig;
     if (faulty) {

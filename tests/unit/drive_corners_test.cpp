@@ -112,7 +112,7 @@ TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
   hear(a, 8);
   hear(a, 8);
   EXPECT_FALSE(a.ready());
-  EXPECT_TRUE(a.tx_suspended() && a.setting_up()) << "its watchdog is being starved";
+  EXPECT_TRUE(a.tx_suspended() && a.setting_up()) << "its watchdog is being tested";
 }
 
 /// What is written in a log is read by people: the numbers are part of the interface.

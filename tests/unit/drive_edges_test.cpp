@@ -14,7 +14,7 @@ namespace {
 
 // ---- CiA 402
 
-TEST(Cia402Edges, AnswersThatNobodyAskedForShortenNothing) {
+TEST(Cia402Edges, UnrequestedAnswersShortenNothing) {
   Bench undisturbed;
   ASSERT_TRUE(undisturbed.make_ready());
   Bench b;

@@ -411,7 +411,7 @@ static_assert(!HasSinCos<int> && !HasSinCos<long double>, "no silent change of p
 
 }  // namespace
 
-/// A scalar type of somebody else, with functions of its own.
+/// A user's scalar type, with functions of its own.
 namespace foreign {
 struct Scalar {};
 constexpr int sin_cos(Scalar) { return 42; }

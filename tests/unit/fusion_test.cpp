@@ -167,7 +167,7 @@ Real best_without(const FiveBarCase<S>& c, Vec<Real, 4> angle, int i) {
 
 constexpr Real kAllowed = 1e-3L;  // limits.closure of config_of
 
-/// Slipped couplings and lost teeth are far from small. Named is the right one or nobody, and nobody only
+/// Slipped couplings and lost teeth are far from small. The right encoder is named, or none, and none only
 /// where another joint closes the loop to half the limit as well: one case in eight at 0.02 rad, one in a
 /// hundred from 0.3 rad on.
 TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
@@ -200,7 +200,7 @@ TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
       for (int i = 0; i < 4; ++i)
         other = i == odd ? other : std::fmin(other, best_without(c, angle.template cast<Real>(), i));
       if (other > 0.51L * kAllowed) {
-        EXPECT_EQ(got, odd + 1) << what() << ": nobody else comes near";
+        EXPECT_EQ(got, odd + 1) << what() << ": no other encoder comes near";
       }
       if (other < 0.49L * kAllowed) {
         EXPECT_EQ(got, 0) << what() << ": another closes it as well";
@@ -213,7 +213,7 @@ TYPED_TEST(Fusion, NamesTheEncoderThatAloneIsOffAndNoOtherHoweverFar) {
   }
 }
 
-TYPED_TEST(Fusion, BlamesNobodyWhereTwoAreOff) {
+TYPED_TEST(Fusion, TwoFaultyEncodersNameNone) {
   using S = TypeParam;
   int blamed = 0;
   for (std::uint64_t seed = 0; seed < 1000; ++seed) {
@@ -226,7 +226,7 @@ TYPED_TEST(Fusion, BlamesNobodyWhereTwoAreOff) {
     Estimate<FiveBar<S>> e;
     const int got = part::closure_projection(config_of(c, Vec<S, 4>::Ones().eval()), angle, c.theta_rate, e);
     if (got == 0) continue;
-    // Whoever is blamed must at least explain it alone.
+    // The named encoder must at least explain it alone.
     EXPECT_LT(best_without(c, angle.template cast<Real>(), got - 1), 0.26L * kAllowed) << "seed " << seed;
     ++blamed;
   }

@@ -240,7 +240,7 @@ TEST(LinkUnattended, OnlyTheReferenceGoesOnWithoutASignOfLife) {
 }
 
 /// Until it runs somebody has to be there.
-TEST(LinkUnattended, ArmingNeedsSomebody) {
+TEST(LinkUnattended, ArmingNeedsASignOfLife) {
   LinkConfig c = test::link_config();
   auto values = c.parameters.values();
   values[static_cast<unsigned>(Index::silence)] = 10;

@@ -783,7 +783,7 @@ static_assert(commanded && commanded->parameters == 0x5678);
 constexpr auto led = decode_pair(to_controller(1, {0, 0x11, 1, 0, 0, 0xFE, 0xFF, 0xFF}), 0.5F);
 static_assert(led && led->space == Space::base_joints && led->value == std::array{0.5F, -1.0F});
 
-TEST(LinkEdges, WhatNobodySetsHasNoEffect) {
+TEST(LinkEdges, UnsetFieldsHaveNoEffect) {
   const CommandFrame c;
   EXPECT_EQ(c.order, Order::none);
   EXPECT_EQ(c.percent + c.tick + c.parameters, 0);

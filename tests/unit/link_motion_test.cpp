@@ -285,7 +285,7 @@ TEST(Link, ASilentComputerIsAFaultWhereItIsWatched) {
   EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
 }
 
-/// Who only looks on does not keep the motion of a dead one alive.
+/// A monitoring computer gives no sign of life for a lost one.
 TEST(Link, OnlyOrdersAndObeyedMotionAreSignsOfLife) {
   LinkConfig c = link_config();
   c.parameters = Parameters({40, 40, 150, 300, 1e-3F, 2, 2, 50, 1.0F, 10.0F, 3, 10}, {});

@@ -82,7 +82,7 @@ TEST(LinkStore, WithoutAStoreTheOrdersAreRefused) {
   EXPECT_EQ(b.desk.count(Desk::slots), 0);
   b.tick({b.desk.ask(2)});
   b.settle();
-  EXPECT_EQ(b.desk.count(Desk::slots), 1) << "who asks is told that there is none";
+  EXPECT_EQ(b.desk.count(Desk::slots), 1) << "a request is answered: no store";
   EXPECT_EQ(Desk::word(b.desk.last(Desk::slots), 0, 4), 0U);
   // A link that is off has no store either.
   Memory memory;

@@ -105,7 +105,7 @@ TEST(Link, WhichSceneItWasMadeOfIsToldAtOnceOnRequestAndWithTheTable) {
   while (b.desk.count(Desk::table) < 4) b.tick();
   b.settle();
   EXPECT_EQ(b.desk.count(Desk::identity), 5) << "with the table in tick 20, 40 and 60";
-  EXPECT_EQ(b.link.receive(f), Outcome::foreign_command) << "somebody else in our place";
+  EXPECT_EQ(b.link.receive(f), Outcome::foreign_command) << "a frame with our identifier";
 }
 
 TEST(Link, StatusEveryFewTicksAndAtEveryChange) {

@@ -101,7 +101,7 @@ TEST(MitAxis, DamiaoHasTheNodeInTheLowHalfOfTheFirstByte) {
   }
 }
 
-TEST(MitAxis, AnEmptyFrameNamesNobody) {
+TEST(MitAxis, AnEmptyFrameHasNoNode) {
   MitAxis a({.node = 0x10}, {.dialect = Dialect::damiao, .master_id = 0x13, .retry_ticks = retry});
   CanFrame f = test::bytes(0x13, {});
   EXPECT_EQ(a.receive(f), Received::not_mine) << "nor do the bytes that it does not have";
@@ -109,7 +109,7 @@ TEST(MitAxis, AnEmptyFrameNamesNobody) {
   EXPECT_EQ(a.receive(f), Received::malformed);
 }
 
-TEST(MitAxis, CommandsToItAreSomebodyElses) {
+TEST(MitAxis, CommandsToItAreForeign) {
   MitAxis a = axis();
   for (const CanFrame& f :
        {test::mit_command(node, 0x8000, 0x800, 0, 0, 0xFFF), test::mit_special(node, enter),

@@ -42,7 +42,7 @@ TEST(MitCodec, EveryBitOfACommandIsRead) {
 }
 
 /// Two turns, nearly, to each side; a command of 18 N m is the last code.
-TEST(MitCodec, RangesThatNobodyGave) {
+TEST(MitCodec, DefaultRanges) {
   const Ranges r;
   EXPECT_EQ(r.position, 12.5F);
   EXPECT_EQ(r.velocity, 50.0F);

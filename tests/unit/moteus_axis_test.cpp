@@ -99,7 +99,7 @@ TEST(MoteusAxis, TakesRepliesOfItsNodeToUs) {
   EXPECT_EQ(far.receive(running.frame(0x41)), Received::accepted) << "29 bits";
 }
 
-TEST(MoteusAxis, FramesToItAreSomebodyElses) {
+TEST(MoteusAxis, FramesToItAreForeign) {
   MoteusAxis a = axis();
   for (const std::uint32_t id : {0x8003U, 0x0003U, 0x0103U, 0x8503U, 0x7F03U})
     EXPECT_EQ(a.receive(esmc::test::fd_frame(id, "1100")), Received::foreign_command) << id;

@@ -223,7 +223,7 @@ TEST(MoteusEdges, RepliesOfSevenNodesHaveElevenBits) {
   }
 }
 
-TEST(MoteusEdges, LimitsThatNobodySetAreSmall) {
+TEST(MoteusEdges, DefaultLimitsAreSmall) {
   const MoteusAxis::Settings s;
   EXPECT_EQ(s.torque_max, 1.0F);
   EXPECT_EQ(s.watchdog, 0.01F);

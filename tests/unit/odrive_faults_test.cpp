@@ -54,7 +54,7 @@ TEST(OdriveAxis, AnEmergencyStopIsNeverClearedWithoutAnAcknowledgementWhateverEl
           EXPECT_TRUE(a.emergency_stopped());
         }
         hear(a, 1);
-        EXPECT_TRUE(a.emergency_stopped()) << "somebody else has cleared it: latched all the same";
+        EXPECT_TRUE(a.emergency_stopped()) << "another node has cleared it: latched all the same";
       }
     }
   }
@@ -229,8 +229,8 @@ TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
   }
 }
 
-/// Where heartbeats may be missing for longer than `retry`, an axis that runs is not starved when they come
-/// back: torque goes on.
+/// Where heartbeats may be missing for longer than `retry`, an axis that runs is not tested again when they
+/// come back: torque goes on.
 TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
   for (const std::uint32_t silent : {retry, retry + 1, 3 * retry}) {
     OdriveAxis a = starving(Version::v0_6, silent == retry + 1 ? 1 : 20);
@@ -282,8 +282,8 @@ TEST(OdriveAxis, AnAxisThatFellIdleHasToProveItsWatchdogAgain) {
   }
 }
 
-/// 0.5.6 feeds its watchdog with any frame: whoever polls it keeps our last torque alive after us.
-TEST(OdriveAxis, WhateverFeedsTheWatchdogOf056IsSomebodyElsesCommand) {
+/// 0.5.6 feeds its watchdog with any frame: a node that polls it keeps our last torque alive after us.
+TEST(OdriveAxis, AnyFrameThatFeedsThe056WatchdogIsForeign) {
   for (unsigned command = 0; command < 32; ++command) {
     OdriveAxis old = axis(Version::v0_5_6), now = axis(Version::v0_6);
     CanFrame poll = message(node, command, 0, 0, 0);
@@ -353,7 +353,7 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
       if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
     }
   }
-  EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
+  EXPECT_TRUE(a.tx_suspended()) << "the watchdog is tested again";
   EXPECT_FALSE(a.ready());
 }
 
@@ -366,7 +366,7 @@ TEST(OdriveAxis, LeavingClosedLoopEndsTheStarving) {
   ask(a);
   hear(a, 8);
   hear(a, 8);
-  EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
+  EXPECT_TRUE(a.tx_suspended()) << "the watchdog is tested again";
 }
 
 /// In the tick after the last one that it has: in time.
@@ -412,7 +412,7 @@ TEST(OdriveAxis, AnErrorInClosedLoopEndsTheStarvingWithoutAProof) {
     EXPECT_TRUE(only(enable(a), cmd_axis_state));
     hear(a, 8);
     hear(a, 8);
-    EXPECT_TRUE(a.tx_suspended()) << "it is starved again";
+    EXPECT_TRUE(a.tx_suspended()) << "the watchdog is tested again";
   }
 }
 

@@ -48,7 +48,8 @@ TEST(OdriveAxis, TakesItsHeartbeatItsEncoderAndEmergencyStopsAmongAllIdentifiers
             << std::hex << id;
         f.remote = true;
         if (id == 0x07C) {
-          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::foreign_command) << "somebody asks";
+          EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::foreign_command)
+              << "another node requests";
         }
         if (ours) {
           EXPECT_EQ(a.receive(f), newer ? Received::not_mine : Received::foreign_command)

@@ -404,8 +404,8 @@ TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
   }
 }
 
-/// Where nothing is said it is the retry time, also of one tick, and of an axis that nobody has configured.
-TEST(OdriveReadBack, NobodyIsReadyAfterTheRetryTimeWithoutAHeartbeat) {
+/// The default is the retry time, also of one tick, and of an unconfigured axis.
+TEST(OdriveReadBack, NotReadyAfterRetryTimeWithoutHeartbeat) {
   for (const int retry : {1, 7, 150}) {
     OdriveAxis a = retry == 150 ? OdriveAxis()
                                 : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(retry));
@@ -424,12 +424,12 @@ TEST(OdriveReadBack, NobodyIsReadyAfterTheRetryTimeWithoutAHeartbeat) {
   }
 }
 
-TEST(OdriveReadBack, WritingToAConfigurationIsSomebodyElses) {
+TEST(OdriveReadBack, AConfigurationWriteIsAForeignCommand) {
   OdriveAxis a({.node = node}, Version::v0_6, 150), old({.node = node}, Version::v0_5_6, 150, one_check());
   CanFrame write = test::message(node, read, 77 * 256 + 1, 0);
   EXPECT_EQ(a.receive(write), Received::foreign_command);
   EXPECT_EQ(old.receive(write), Received::not_mine) << "0.5.6 sends encoder errors with this number";
-  EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "somebody reads";
+  EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "another node reads";
   write.size = 1;
   EXPECT_EQ(a.receive(write), Received::foreign_command) << "however short";
   write.size = 0;

@@ -475,7 +475,7 @@ TEST(FusionEdges, WhoClosesToAQuarterIsBlamedIfAllOthersLeaveMoreThanHalf) {
   EXPECT_EQ(s.odd_encoder(1.875), 0) << "just half";
 }
 
-TEST(FusionEdges, NobodyIsBlamedForAGapThatIsAllowed) {
+TEST(FusionEdges, AnAllowedGapNamesNoEncoder) {
   const Stretched s{{0.75, 0.25, 0.125, 0.125}};
   EXPECT_EQ(s.odd_encoder(1.74), 1);
   EXPECT_EQ(s.odd_encoder(1.75), 0) << "just the limit";

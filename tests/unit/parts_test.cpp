@@ -254,8 +254,8 @@ TEST(PartsOnThePlant, ObserverTakesATenthAndThePredictorBridgesTheDelay) {
   EXPECT_LT(bridged.chatter, borne.chatter / 5);
 }
 
-/// Told torques that nobody sent: what the cables add on one base joint is what the observer finds there, to
-/// its sign.
+/// Given torques that were not sent: what the cables add on one base joint is what the observer finds there,
+/// to its sign.
 TEST(PartsOnThePlant, ObserverFindsTheTorqueThatIsThere) {
   LoopSetup s;
   const Vec2<double> extra(0.11, -0.07);

@@ -359,7 +359,7 @@ TEST(PathRate, ChangesByAtLeastTheSmallestStep) {
   EXPECT_EQ(at_rest.position, later.position);
 }
 
-/// A path on which path time is the position, in ticks; it counts who asks what the motors can.
+/// A path on which path time is the position, in ticks; it counts the calls of feasible().
 struct Ruler {
   double speed = 1.0;
   [[nodiscard]] Motion2<double> at(const TickTime& t) const {

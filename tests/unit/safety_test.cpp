@@ -164,7 +164,7 @@ TYPED_TEST(Guards, WithoutGivenRangesEveryFiniteValueIsInsideAndNothingElse) {
   for (const S v : around<S>({S(1)})) EXPECT_EQ(open.contains(v), std::isfinite(v)) << v;
 }
 
-/// Both mechanisms have two base joints; nobody has confirmed a mode, and no sample may be missed, unless
+/// Both mechanisms have two base joints; no mode is confirmed, and no sample may be missed, unless
 /// told.
 TYPED_TEST(Guards, DefaultsAllowNothing) {
   using S = TypeParam;

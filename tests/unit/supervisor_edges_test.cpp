@@ -55,7 +55,7 @@ static_assert(counted_from_zero(std::array{State::disabled, State::enabling, Sta
                                            State::fault}));
 static_assert(Supervisor::count_max == 65535);
 
-TEST(SupervisorEdges, TimeOutsThatNobodySetAreFiveThousandAndAThousandTicks) {
+TEST(SupervisorEdges, DefaultTimeOutsAre5000And1000Ticks) {
   Supervisor v;
   v.begin_tick(Command::enable, {});
   for (int i = 1; i < 5000; ++i) {

@@ -155,7 +155,7 @@ TEST(Supervisor, StartsDisabledWithoutFault) {
   for (const Fault f : faults()) EXPECT_EQ(v.count(f), 0U);
 }
 
-/// What nobody says or configures is the cautious answer.
+/// The default is the cautious answer.
 TEST(Supervisor, SilenceIsNeitherReadyNorIdleNorAtRest) {
   for (const State s : {State::enabling, State::testing, State::stopping, State::halting, State::lowering}) {
     Supervisor v = in(s);

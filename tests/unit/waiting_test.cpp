@@ -72,7 +72,7 @@ TEST_F(Waiting, HeedsAStopHoweverMuchOthersSay) {
 }
 
 /// Frames that the waiter does not take (it may read only so many) are "ready" again at once.
-TEST_F(Waiting, EndsInTimeWithFramesThatNobodyTakes) {
+TEST_F(Waiting, EndsInTimeWithUnclaimedFrames) {
   foreign();
   const auto begin = Clock::now();
   EXPECT_EQ(wait_until(

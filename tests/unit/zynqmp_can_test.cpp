@@ -286,7 +286,7 @@ TYPED_TEST(ZynqmpCan, BusOffWithoutAnAnswerToTheResetIsBusOff) {
   EXPECT_EQ(this->bus.try_send(frame(0x10, {4})), SendStatus::bus_off);
 }
 
-TYPED_TEST(ZynqmpCan, BusOffThatNobodySawIsBusOff) {
+TYPED_TEST(ZynqmpCan, UnreadBusOffIsReported) {
   this->open();
   EXPECT_EQ(this->bus.try_send(frame(0x10, {1})), SendStatus::ok);
   for (int i = 0; i < 32; ++i) this->model.spoiled();

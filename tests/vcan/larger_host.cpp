@@ -53,5 +53,5 @@ extern "C" long ptrace(int request, pid_t pid, void* address, void* data) {
   return 0;
 }
 
-// For whoever wants it without whole_xstate in front of it.
+// For use without whole_xstate in front of it.
 extern "C" long larger_host(int, pid_t, void*, void*) __attribute__((alias("ptrace")));
