@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Who may include whom: arrows go down only. A rule whose folder is gone, or holds no file, fails.
+"""Allowed includes: arrows go down only. A rule whose folder is gone, or holds no file, fails.
 
   hal/*.hpp             std, hal/*.hpp
   hal/<back end>        hal, std and the headers of its OS or vendor
