@@ -10,7 +10,8 @@
 
 namespace esmc {
 
-/// Interface of a board to its loop.
+/// Interface of a board to its loop: CAN bus, watchdog, the input `enable`, the output `drive_enable`,
+/// microseconds.
 template <class B>
 concept Board = requires(B& b) {
   requires hal::CanBus<std::remove_reference_t<decltype(b.bus())>>;

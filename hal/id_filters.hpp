@@ -1,5 +1,5 @@
 #pragma once
-/// The identifiers that a node has to hear, for the acceptance filter of its CAN controller.
+/// The identifiers that a node receives, for the acceptance filter of its CAN controller.
 
 #include <array>
 #include <cstddef>
@@ -21,12 +21,12 @@ struct IdFilter {
   friend constexpr bool operator==(const IdFilter&, const IdFilter&) = default;
 };
 
-/// A frame is heard if one of the filters accepts it. An empty list hears every frame.
+/// A frame passes if one filter accepts it; with an empty list all frames pass.
 class IdFilters {
  public:
   static constexpr std::size_t capacity = 16, extended_max = 8;  ///< as many have room in an STM32G4
 
-  /// Adds a filter that is not in the list. A list that would overflow hears every frame for good.
+  /// Adds a filter that is not in the list. A list that would overflow passes all frames from then on.
   constexpr void add(const IdFilter& filter) {
     for (const IdFilter& known : list()) {
       if (known == filter) return;

@@ -251,7 +251,7 @@ int main(int argc, char** argv) {
       1U + std::chrono::system_clock::now().time_since_epoch().count() / 1'000'000 % 255);
   static baked::Node node(baked::config(session));
   keep_ticks(node);
-  if (!bus.hear(node.filters()))
+  if (!bus.set_filters(node.filters()))
     refuse((std::string(o.interface) + ": ").c_str(), "refuses acceptance filters");
   Loop loop(node, board, baked::period_ns);
   static Statistics statistics;

@@ -138,7 +138,7 @@ class Console {
   char ring_[size] = {};
 };
 
-/// Registers and message memory of a CAN controller.
+/// CAN controller: registers by byte offset from `base`, message memory by word index from `ram`.
 template <Word base, Word ram>
 struct FdcanMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }
@@ -147,7 +147,8 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
-/// Flash interface at `base`, and its memory. `Guard::load` returns false for a damaged word.
+/// Flash interface and memory. read, write: a register, byte offset from `base`; load, store: an absolute
+/// address in the flash. `Guard::load` returns false for a damaged word.
 template <Word base, class Guard>
 struct FlashMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }

@@ -45,7 +45,7 @@ class Zcu102Board {
     return us_;
   }
 
-  // Lockstep needs no watchdog, and no contact or supply of a drive is wired.
+  // Lockstep needs no watchdog; the input `enable` is not wired (it reads as closed), nor is the output.
   [[nodiscard]] NoWatchdog& watchdog() { return watchdog_; }
   [[nodiscard]] NoContact& enable() { return enable_; }
   [[nodiscard]] NoOutput& drive_enable() { return drive_enable_; }

@@ -56,7 +56,8 @@ template <class M>
   return out;
 }
 
-/// v' = C u + c, u: acceleration of the independent coordinates, m/s2 or rad/s2.
+/// v' = C u + c: accelerations of all channels (m/s2, rad/s2) if the independent coordinates accelerate with
+/// u: (x, y) in m/s2 (5R), joints in rad/s2 (RR). Not finite at type 1 of the 5R.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] typename M::Channels independent_acceleration(const M& m, const Tracking<M>& t,
                                                             const Vec2<S>& u) {

@@ -39,9 +39,9 @@ class Controller {
         reference_(config.reference, config.join_ticks, config.sample_time),
         stop_trajectory_(config.halt_ticks, config.sample_time),
         sign_test_(config.sign_test_move, config.sample_time),
-        setpoints_(config.guide_speed, config.guide_acceleration, config.sample_time, wraps(config),
-                   config.guide_jerk_ticks),
-        path_rate_(config.guide_acceleration, config.sample_time),
+        setpoints_(config.setpoint_speed, config.setpoint_acceleration, config.sample_time, wraps(config),
+                   config.setpoint_jerk_ticks),
+        path_rate_(config.setpoint_acceleration, config.sample_time),
         lead_ticks_(config.predict != nullptr ? static_cast<std::uint32_t>(config.delay_ticks + S(0.5)) : 0U),
         uses_memory_(config.reach != nullptr || config.observer != nullptr || config.predict != nullptr ||
                      config.correct != nullptr) {}
@@ -477,7 +477,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     // After a fault with Reaction::halt the same tick begins to bring the mechanism to rest.
     for (bool again = supervisor.running();; again = false) {
       supervisor.raise(compute(measured, supervisor.state(), out, acted));
-      if (!(again && supervisor.retreating())) break;
+      if (!(again && supervisor.halting_or_held())) break;
       out.torque.setZero();
     }
   } else {  // the effector is reported in every state; while enabling the guards must hold too

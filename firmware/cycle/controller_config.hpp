@@ -37,12 +37,13 @@ struct ControllerConfig {
   std::uint32_t ramp_ticks = 0;  ///< duration of the torque ramp; 0: none
   S sign_test_move{};  ///< rad that each base joint moves in the sign test; 0: none. Two motors only
   std::uint32_t halt_ticks = 0;   ///< duration of the stop trajectory; 0: a halt takes the torque away
-  std::uint32_t lower_ticks = 0;  ///< duration of letting the weight down
+  std::uint32_t lower_ticks = 0;  ///< duration of lowering
   AfterHalt after_halt = AfterHalt::release;
   std::uint32_t enabling_ticks_max = Supervisor::Config{}.enabling_ticks_max;  ///< see Supervisor::Config
   std::uint32_t stopping_ticks_max = Supervisor::Config{}.stopping_ticks_max;
-  S guide_speed{1}, guide_acceleration{1};  ///< > 0, of set points, each coordinate of the reference's space
-  std::uint32_t guide_jerk_ticks = 0;       ///< length of MovingAverage for set points
+  S setpoint_speed{1},
+      setpoint_acceleration{1};           ///< > 0, of set points, each coordinate of the reference's space
+  std::uint32_t setpoint_jerk_ticks = 0;  ///< length of MovingAverage for set points
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
   /// N m, |preload| <= torque_limit; four motors only: see allocate_within.

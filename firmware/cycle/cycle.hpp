@@ -121,8 +121,8 @@ class Cycle {
   [[nodiscard]] link::CommandLink& link() { return link_; }
   [[nodiscard]] const D& axis(int i) const { return axes_[static_cast<unsigned>(i)]; }  ///< i < axis_count
 
-  /// The identifiers that receive() has to hear: of the axes and the link, also where we alone send them, for
-  /// another sender of ours must be noticed. All other frames it would count as not_mine.
+  /// Identifiers that receive() needs: of the axes and the link, including those that only we send, so that a
+  /// foreign sender is detected. All other frames count as not_mine.
   [[nodiscard]] hal::IdFilters filters() const {
     hal::IdFilters list;
     for (int i = 0; i < axis_count_; ++i) axis(i).add_filters(list);

@@ -65,7 +65,9 @@ class Homing {
     return Fault::none;
   }
 
-  /// Instead of step(): to rest where the joints are. A fault: one is too fast, or they do not come to rest.
+  /// One tick in place of step(): damps both joints to rest; call until at_rest(). `rate`: rad/s; sets
+  /// `torque`, N m, at most config.torque. Faults: joint_speed; halt_failed after 4 halt_ticks, at least 40,
+  /// without rest.
   Fault brake(const Vec2<S>& rate, Vec2<S>& torque) {
     if (const Fault f = too_fast(rate); f != Fault::none) return f;
     resting_ = within(rate[0], S(2) * slow(0)) && within(rate[1], S(2) * slow(1));
@@ -73,7 +75,7 @@ class Homing {
     constexpr S share = S(0.05F);
     for (int j = 0; j < 2; ++j) {
       const S against = -config_.damping[j] * (share / config_.share) * rate[j];  // the model in 5 ticks
-      // The torque that friction took is let go, that which carries a weight is not.
+      // Reduces the integral against friction, keeps the part that carries a weight.
       if (!within(rate[j], slow(j)) && integral_[j] * rate[j] > S(0)) integral_[j] *= S(0.8F);
       integral_[j] = clamped(integral_[j] + share * against, j);
       torque[j] = clamped(integral_[j] + against, j);
@@ -103,8 +105,8 @@ class Homing {
   [[nodiscard]] bool same(int j, S angle) const {
     return within(angle - stop_[j], std::min(config_.back_off, S(0.02F)));
   }
-  /// Rates and angles tell of the same way since from_, but for an eighth of the speed and the back-off; else
-  /// one of them lies, and the speed is not what it seems.
+  /// The integral of the rate equals the change of the angle since from_, within the back-off and an eighth
+  /// of the speed; otherwise angle or rate is wrong.
   [[nodiscard]] bool consistent(int j, S angle, S rate) {
     passed_[j] += rate * sample_time_;
     return within(angle - from_[j] - passed_[j], config_.back_off + S(ticks_) * sample_time_ * slow(j));

@@ -32,7 +32,7 @@ class Cia402Configurator {
   /// Rated torque, N m at the shaft, as read from the drive; 0 before.
   [[nodiscard]] float rated_torque() const { return rated_torque_; }
 
-  /// True if the drive said that it has no object 6072: nothing read back allows torque_limit.
+  /// True if the drive has no object 6072 (maximum torque): its limit was not compared with torque_limit.
   [[nodiscard]] bool limit_unread() const { return limit_unread_; }
 
   /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,

@@ -161,7 +161,7 @@ class CommandLink {
         return answer_to(decode_request(f));
     }
   }
-  /// Who only reads, writes or is refused is not the one who moves the mechanism.
+  /// Only obeyed motion is a sign of life; requests, writes and refused frames are not.
   Outcome alive_if_obeyed(Outcome o) {
     if (o == Outcome::obeyed) heard_tick_ = tick_;
     return o;

@@ -14,7 +14,8 @@ template <class M, class S = typename M::Scalar>
   return out;
 }
 
-/// C_a (channels x 2), p = C_a (theta11', theta21') [F23].
+/// C_a (channels x 2): velocities of all channels per unit rate of the base joints theta11, theta21 (5R)
+/// [F23]; for RR it is matrix_C. Not finite at type 2.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] Mat<S, M::channels, 2> matrix_C_base(const M& m, const typename M::Pose& p) {
   Mat<S, M::channels, 2> out;

@@ -83,11 +83,11 @@ class Supervisor {
   [[nodiscard]] Fault fault() const { return fault_; }
   [[nodiscard]] bool running() const { return state_ == State::running; }
   /// True while the mechanism comes to rest, or is at rest, under torque: halting, holding, lowering.
-  [[nodiscard]] bool retreating() const {
+  [[nodiscard]] bool halting_or_held() const {
     return state_ == State::halting || state_ == State::holding || state_ == State::lowering;
   }
   /// True in the states in which there may be torque: testing, running, halting, holding, lowering.
-  [[nodiscard]] bool powered() const { return running() || retreating() || state_ == State::testing; }
+  [[nodiscard]] bool powered() const { return running() || halting_or_held() || state_ == State::testing; }
   /// True from the order to home until `disabled` or `fault`: the zero, and so the pose, is not known.
   [[nodiscard]] bool homing() const { return homing_ && state_ != State::disabled && state_ != State::fault; }
   static constexpr std::uint16_t count_max = 0xFFFF;
@@ -164,7 +164,7 @@ class Supervisor {
     if (f == Fault::none || state_ == State::disabled) return;
     count(counts_[static_cast<unsigned>(f)]);
     const bool moves = running() || (homing_ && state_ == State::testing);
-    const bool halt = config_.can_halt && (moves || retreating()) && reaction(f) == Reaction::halt;
+    const bool halt = config_.can_halt && (moves || halting_or_held()) && reaction(f) == Reaction::halt;
     if (fault_ == Fault::none) fault_ = f;
     if (!halt) {
       state_ = State::fault;

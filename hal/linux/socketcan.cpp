@@ -67,7 +67,7 @@ SocketCan SocketCan::open(const std::string& interface, std::error_code& error, 
   return s;
 }
 
-bool SocketCan::hear(const IdFilters& filters) {
+bool SocketCan::set_filters(const IdFilters& filters) {
   std::array<can_filter, IdFilters::capacity> list{};
   std::size_t size = 0;
   for (const IdFilter& f : filters.list())  // frames of the other length of identifier do not match

@@ -25,9 +25,9 @@ class SocketCan {
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
   [[nodiscard]] int descriptor() const { return fd_.get(); }
 
-  /// Lets the kernel drop the frames that `filters` does not match; an empty list hears every frame. False:
-  /// the kernel refused, and what was heard before is still heard.
-  [[nodiscard]] bool hear(const IdFilters& filters);
+  /// Lets the kernel drop the frames that `filters` does not match; an empty list passes all frames. False:
+  /// the kernel refused, and the previous filters stay.
+  [[nodiscard]] bool set_filters(const IdFilters& filters);
 
   /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: until recover(), or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);

@@ -62,6 +62,7 @@ struct Finding {
   std::string text;
 };
 
+/// Findings of `esmc check`, in the order in which they were added.
 class Findings {
  public:
   /// Adds a finding, its text formatted by fmt.

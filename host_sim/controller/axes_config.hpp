@@ -14,13 +14,14 @@ namespace esmc::host {
 std::size_t axis_of(const Scene& scene, std::size_t i);
 
 /// Node, direction, gear ratio and offset (rad) of drive i in the scene: motors first, then passive encoders.
+/// i < number of drives, not checked.
 drive::AxisConfig mount(const Scene& scene, std::size_t i);
 struct OdriveSettings {
   drive::odrive::Version version{};
   std::uint32_t retry_ticks = 1;
   drive::OdriveTable table{};
   std::uint32_t silence_ticks = 1;  ///< after longer without a heartbeat the drive may have restarted
-  std::uint32_t proof_ticks = 0;    ///< within which a starved watchdog must trip; 0: it is not tested
+  std::uint32_t proof_ticks = 0;    ///< within which the watchdog must trip in its test; 0: no test
 };
 /// Controller's settings for drive i of a scene, whose protocol must be that of the name: it is not checked.
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
@@ -28,7 +29,7 @@ drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
 drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
 drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
 
-/// Ticks within which an ODrive's starved watchdog must trip and its heartbeat must report that.
+/// Ticks within which an ODrive's watchdog must trip in its test and its heartbeat must report that.
 [[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {
   return static_cast<std::uint32_t>(std::ceil((1.01 * d.watchdog_timeout + d.heartbeat_timeout) * rate_hz) +
                                     2.0);

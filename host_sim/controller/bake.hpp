@@ -187,9 +187,10 @@ inline std::string part_text(std::initializer_list<std::pair<bool, const char*>>
 template <class M>
 std::string text(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
-               torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping, guide_speed,
-               guide_acceleration, guide_jerk, motors, sensors, preload, allocate, variance, fuse, delay, lag,
-               bandwidth, reach, behind, observer, predict, motor_map, correct] = v;
+               torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping,
+               setpoint_speed, setpoint_acceleration, setpoint_jerk, motors, sensors, preload, allocate,
+               variance, fuse, delay, lag, bandwidth, reach, behind, observer, predict, motor_map, correct] =
+      v;
   const auto reaching_part = [](ReachingPart<M> p) {
     return Code{part_text({{p == &part::super_twisting<M>, "super_twisting"},
                            {p == &part::implicit_coupled<M>, "implicit_coupled"},
@@ -199,7 +200,7 @@ std::string text(const ControllerConfig<M>& v) {
   const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
   add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
       torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
-      enabling, stopping, guide_speed, guide_acceleration, guide_jerk, motors, sensors, preload,
+      enabling, stopping, setpoint_speed, setpoint_acceleration, setpoint_jerk, motors, sensors, preload,
       Code{part_text({{allocate != nullptr, "four_motors"}})}, variance,
       Code{part_text({{fuse != nullptr, "closure_projection"}})}, delay, lag, bandwidth, reaching_part(reach),
       reaching_part(behind), Code{part_text({{observer != nullptr, "momentum_observer"}})},

@@ -100,10 +100,10 @@ void set_procedures(const Scene& scene, Pacing pacing, ControllerConfig<M>& c) {
   if (scene.drives.sign_test.value_or(scene.hardware && !scene.all_motors))
     c.sign_test_move = static_cast<S>(scene.drives.sign_test_move);
   if (scene.command) {
-    c.guide_speed = static_cast<S>(scene.command->speed);
-    c.guide_acceleration = static_cast<S>(scene.command->acceleration);
+    c.setpoint_speed = static_cast<S>(scene.command->speed);
+    c.setpoint_acceleration = static_cast<S>(scene.command->acceleration);
     static_assert(CommandScene::jerk_ticks_max == MovingAverage<S>::length_max);
-    c.guide_jerk_ticks = ticks(scene.command->jerk_time);
+    c.setpoint_jerk_ticks = ticks(scene.command->jerk_time);
   }
   c.lower_ticks = ticks(scene.limits.lower_time);
   c.after_halt = scene.limits.after_halt;

@@ -48,7 +48,7 @@ struct EndStops {
   std::optional<double> stiffness;         ///< N m/rad
   double restitution = 0.0;                ///< rebound speed over impact speed
 };
-/// A point mass taken up at the effector, already moving with it, and let go.
+/// A point mass at the effector between two instants; no impact when it is attached or released.
 struct Payload {
   static constexpr const char* type = "payload";
   double mass = 0.0, from = 0.0, to = 0.0;  ///< kg, s, s
@@ -175,7 +175,7 @@ struct BusOff {
   static constexpr const char* type = "bus_off";
   double at = 0.0;       ///< s
   int drive = 0;         ///< 1, 2, ...: of this entry in [drives]; 0: of the controller
-  bool restart = false;  ///< it is told to come back, and does after 128 times 11 recessive bits
+  bool restart = false;  ///< it rejoins after 128 times 11 recessive bits
 };
 /// A drive that is cut off from the bus.
 struct DriveDropout {

@@ -95,7 +95,7 @@ struct OpenLoop {
   }
 };
 
-/// Of the motors over a stretch of time: held by the drives, or an open-loop scene's waveforms.
+/// Torques of the motors over a stretch of time: constant, or an open-loop scene's waveforms.
 template <class Joints>
 struct MotorTorques {
   Joints held{};                   ///< N m per joint, model convention

@@ -15,7 +15,8 @@ toml::table leg_table(const LegParams<double>& leg);
 toml::array number_array(const std::vector<double>& values);
 /// The sub-table `name`, created if it is not there.
 toml::table& sub_table(toml::table& of, const std::string& name);
-/// Sets rotor_inertia of a [mechanism], whose J1 have the base rotors in them, to the elbows' alone.
+/// Writes rotor_inertia (kg m2 at the joint) of [mechanism]: 0 for the base joints, whose rotors J1 contains,
+/// and p's rotor2 for the elbows. Removes the key if p has no elbow rotors.
 void set_elbow_rotors(toml::table& mechanism, MechanismType type, const FiveBarParams<double>& p);
 /// Sets half_base (five-bar) and the legs, and with `masses` the effector's mass, gravity and the elbows'
 /// rotors, of a [mechanism].

@@ -209,7 +209,7 @@ void read_drives(Section s, Scene& scene) {
   }
   if (d.torque_mismatch > 0.0 && d.protocol == Protocol::mit && d.dialect == drive::mit::Dialect::cubemars_v3)
     s.fail("torque_mismatch", "must be 0: this drive says a current, not its torque");
-  // A slow loop must not starve the default between two of its ticks.
+  // A slow loop must not trip the default watchdog between two of its ticks.
   d.watchdog_timeout = s.optional_number("watchdog_timeout").value_or(std::max(0.01, 3.0 * scene.tick()));
   read_mounts(s, scene);
   read_cia402(s, scene, d);

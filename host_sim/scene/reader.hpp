@@ -110,7 +110,8 @@ class Section {
   /// Errors so far, of all sections of the root: values that the key table does not allow, keys that are
   /// unknown or missing. Reading goes on with a stand-in; the caller must not use the result.
   [[nodiscard]] const std::vector<std::string>& errors() const { return *errors_; }
-  /// Throws InputErrors with the first 20 of them, where there are any.
+  /// Throws InputErrors if the file has errors (errors()), one line each; above 20 the first 19, then a line
+  /// with the number of the others.
   void throw_errors() const;
 
   /// Throws InputError "FILE:LINE: 'section.key' what"; with an empty key: "FILE:LINE: what".

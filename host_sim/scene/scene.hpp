@@ -36,7 +36,7 @@ struct ModelFactors {
       asymmetry{};                     ///< believed friction, N m s/rad, N m; unused with exact_friction
   PerJoint torque_factor{1, 1, 1, 1};  ///< torque that motor i gives over that asked of it
   PerJoint ripple_amplitude{}, ripple_per_turn{}, ripple_phase{};  ///< of motor i, N m, -, rad
-  /// The motors are believed to give what they are asked for.
+  /// The model assumes ideal motors.
   [[nodiscard]] bool plain_motors() const {
     return torque_factor == PerJoint{1, 1, 1, 1} && ripple_amplitude == PerJoint{};
   }
@@ -124,7 +124,7 @@ struct DriveScene {
   int counts_per_turn = 0;                          // cia402: of object 6064
   int controller_node = 0;                          // cia402: whose heartbeat the drives watch
   std::optional<OdriveEndpoints> endpoints;         // odrive
-  std::vector<double> torque_constant;              // odrive, per motor: N m/A; empty: not told
+  std::vector<double> torque_constant;              // odrive, per motor: N m/A; empty: not given
   std::optional<bool> confirmed;                    // unset: unless the bus can carry real drives
   std::string where;                                // FILE:LINE
   Defects defects{};                                // of the emulated drives

@@ -57,8 +57,8 @@ test::LoopSetup setup() {
     c.halt_ticks = halt_ticks;
     c.after_halt = AfterHalt::hold;
     c.join_ticks = 300;
-    c.guide_speed = speed;
-    c.guide_acceleration = acceleration;
+    c.setpoint_speed = speed;
+    c.setpoint_acceleration = acceleration;
     c.limits.joint_speed = 20.0;
     c.limits.workspace_x = {left - 0.01, right + 0.01};
     c.limits.workspace_y = {low - 0.01, high + 0.01};

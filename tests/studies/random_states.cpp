@@ -164,7 +164,7 @@ class Episode {
     c.lower_ticks = draw_.below(10);
     c.after_halt = static_cast<AfterHalt>(draw_.below(3));
     c.sign_test_move = draw_.one_in(3) ? number(1e-3, 0.1) : S(0);
-    c.guide_speed = c.guide_acceleration = number(0.1, 10.0);
+    c.setpoint_speed = c.setpoint_acceleration = number(0.1, 10.0);
     if (draw_.one_in(3)) with_parts(c);
     return c;
   }

@@ -519,10 +519,10 @@ TYPED_TEST(ControllerStart, GainsGoToTheChannelsOfTheirKind) {
 TYPED_TEST(ControllerStart, WhatIsNotConfiguredTakesItsUsualValue) {
   const ControllerConfig<TypeParam> c;
   EXPECT_EQ(c.law, LawKind::esmc);
-  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.guide_jerk_ticks, 0U);
+  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.setpoint_jerk_ticks, 0U);
   EXPECT_EQ(c.after_halt, AfterHalt::release);
-  EXPECT_EQ(c.guide_speed, 1);
-  EXPECT_EQ(c.guide_acceleration, 1);
+  EXPECT_EQ(c.setpoint_speed, 1);
+  EXPECT_EQ(c.setpoint_acceleration, 1);
 }
 
 }  // namespace

@@ -43,8 +43,8 @@ template <class M>
 Setup<M> with_link() {
   Setup<M> s = setup<M>();
   s.link = link_of<M>();
-  s.controller.guide_speed = 2;
-  s.controller.guide_acceleration = 40;
+  s.controller.setpoint_speed = 2;
+  s.controller.setpoint_acceleration = 40;
   return s;
 }
 
@@ -460,7 +460,7 @@ TEST(CycleLink, TelemetryIsWhatTheTickDid) {
 
 TEST(CycleLink, AReferenceThatLeavesTheReachWhileItsSpeedChangesIsAFault) {
   auto s = with_link<FiveBar<double>>();
-  s.controller.guide_acceleration = 1e-3;  // the change goes on for the whole test
+  s.controller.setpoint_acceleration = 1e-3;  // the change goes on for the whole test
   s.controller.reference.centre = {0.0, 0.2};
   s.controller.reference.amplitude = {0.1, 0.1};
   Linked<FiveBar<double>> l(s);

@@ -116,11 +116,11 @@ TYPED_TEST(AtFirst, AConfigurationIsOfTheLawAlone) {
   EXPECT_EQ(c.reaching, esmc::Reaching::implicit);
   EXPECT_TRUE(c.torque_limit.isZero(0)) << "without a limit there is no torque";
   EXPECT_TRUE(c.torque_weight.isOnes(0) && c.encoder_variance.isOnes(0));
-  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.guide_jerk_ticks, 0U);
+  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.setpoint_jerk_ticks, 0U);
   EXPECT_EQ(c.sign_test_move, 0.0);
   EXPECT_EQ(c.after_halt, esmc::AfterHalt::release);
-  EXPECT_EQ(c.guide_speed, 1.0);
-  EXPECT_EQ(c.guide_acceleration, 1.0);
+  EXPECT_EQ(c.setpoint_speed, 1.0);
+  EXPECT_EQ(c.setpoint_acceleration, 1.0);
   EXPECT_EQ(c.motors, esmc::Motors::base);
   EXPECT_EQ(c.sensors, esmc::Sensors::base);
   EXPECT_EQ(c.motor_count(), 2);

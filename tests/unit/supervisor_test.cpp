@@ -144,7 +144,7 @@ TEST(Supervisor, ThereIsTorqueInFiveStatesOnly) {
   for (const State s : states) {
     const Supervisor v = in(s);
     EXPECT_EQ(v.powered(), torque.count(s) == 1) << name(s);
-    EXPECT_EQ(v.retreating(), v.powered() && s != State::running && s != State::testing) << name(s);
+    EXPECT_EQ(v.halting_or_held(), v.powered() && s != State::running && s != State::testing) << name(s);
   }
 }
 
