@@ -52,8 +52,8 @@ struct FourMotors {
   Vec2<S> F;          ///< on the independent coordinates: N m (base joints) or N (x, y)
 };
 
-/// The task that takes the place of forces w (N, N m) on the channels, in the better conditioned form: base
-/// joints near type 1 and at a tie, (x, y) near type 2.
+/// R and F that motor torques must meet to replace forces w (N, N m) on the channels, in the better
+/// conditioned coordinates: base joints near type 1 and at a tie, (x, y) near type 2.
 template <class S>
 [[nodiscard]] FourMotors<S> four_motors(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                                         const typename FiveBar<S>::Channels& w) {

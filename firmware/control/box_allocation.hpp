@@ -21,7 +21,7 @@ struct TorqueBox {
   Vec<S, 4> lower, upper;
 };
 
-/// Torques, and the shares of force and preload that they keep.
+/// Result of an allocation: torques, and the shares of the wanted force and preload that they give.
 template <class S>
 struct BoxAllocation {
   Vec<S, 4> torque;  ///< N m, within the limits
@@ -42,7 +42,7 @@ struct Side {
   bool upper = false;  ///< of the two sides the one with the larger force across
 };
 
-/// Largest share of F, at most 1, that motors with limits +-limit attain; below 1 it sets the side `reached`.
+/// Largest share of F, 0 to 1, that motors within +-limit (N m) attain; below 1 it sets the side `reached`.
 template <class S>
 [[nodiscard]] S attainable(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const Vec<S, 4>& limit,
                            Side& reached) {
@@ -60,7 +60,8 @@ template <class S>
   return share;
 }
 
-/// Least share, 0 to 1, by which `wanted` must widen towards +-limit to attain F; above 0 it sets `reached`.
+/// Least share, 0 to 1, by which the bounds `wanted` must widen towards +-limit (N m) to attain F; above 0 it
+/// sets the side `reached`.
 template <class S>
 [[nodiscard]] S widening(const Mat<S, 4, 2>& rows, const Vec2<S>& F, const TorqueBox<S>& wanted,
                          const Vec<S, 4>& limit, Side& reached) {

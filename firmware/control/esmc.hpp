@@ -34,7 +34,7 @@ struct Tracking {
   typename M::Rates desired_acceleration;
 };
 
-/// What a law asks for, channel by channel.
+/// Output of a law, channel by channel.
 template <class M>
 struct Demand {
   typename M::Channels acceleration;  ///< v', unit of the channel / s2

@@ -29,7 +29,7 @@ template <LawKind law, class M>
   }
   M::fill_joint_rows(sliding);
 }
-/// clamped_acceleration of `law`: esmc, or else esmc_projected.
+/// Calls clamped_acceleration for esmc, or for esmc_projected where `law` is anything else.
 template <class M>
 void channelwise_acceleration(LawKind law, const M& m, const Gains<M>& gain, const Tracking<M>& t,
                               typename M::Channels& acceleration, typename M::Channels& sliding) {

@@ -17,7 +17,7 @@ struct TickTime {
   std::uint32_t fraction = 0;  ///< of a tick, unit 2^-24, < 2^24
 };
 
-/// An angle that grows by the same amount every tick, modulo one turn; unit 2^-64 turn.
+/// An angle that changes by the same amount every tick, modulo one turn; unit 2^-64 turn, two's complement.
 struct PhaseClock {
   std::uint64_t start = 0, per_tick = 0;
 
@@ -26,7 +26,7 @@ struct PhaseClock {
   [[nodiscard]] S angle(std::uint64_t tick) const {
     return angle_of<S>(start + per_tick * tick);
   }
-  /// The same at a time between ticks.
+  /// Angle at a time between ticks, rad, in [-pi, pi].
   template <class S>
   [[nodiscard]] S angle(const TickTime& t) const {
     const auto speed = static_cast<std::int64_t>(per_tick);  // backwards: negative
@@ -117,12 +117,12 @@ struct Reference {
   [[nodiscard, gnu::cold]] Motion2<S> at(std::uint64_t tick, S sample_time) const {
     return motion(tick, sample_time);
   }
-  /// The same between ticks.
+  /// Motion at a time between ticks, otherwise as at(tick).
   [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> at(const TickTime& t, S sample_time) const {
     return motion(t, sample_time);
   }
-  /// What to follow with a torque that holds for a tick: as at(), but along a path the acceleration is the
-  /// mean until the next tick. Where it jumps in between, that of the beginning would lead astray.
+  /// Motion for a torque that is constant from this tick to the next: as at(), but on a path the acceleration
+  /// is the mean over that time, because it may jump within.
   [[nodiscard, gnu::noinline]] Motion2<S> from(std::uint64_t tick, S sample_time) const {
     if (kind != ReferenceKind::path || path.empty()) return motion(tick, sample_time);
     const std::uint32_t now = tick_of_round(tick), next = now + 1 == repeat_ticks ? 0 : now + 1;
@@ -133,7 +133,7 @@ struct Reference {
     m.acceleration = (in_segment(path[k], next, sample_time).velocity - m.velocity) * (S(1) / sample_time);
     return m;
   }
-  /// The same between ticks.
+  /// Motion from a time between ticks on, otherwise as from(tick).
   [[nodiscard, gnu::noinline, gnu::cold]] Motion2<S> from(const TickTime& t, S sample_time) const {
     Motion2<S> m = at(t, sample_time);
     if (kind == ReferenceKind::path)
@@ -249,9 +249,9 @@ class JoinedReference {
     join(position, velocity);
     slow_ = false;
   }
-  /// Likewise where the time of this motion passes at `rate`, in (0, 1), of real time, which the velocity is
-  /// of: that fades away in as much real time as with start(). Over the whole of a slow join the noise of a
-  /// measured velocity would become a distance.
+  /// start() for a motion whose time passes at `rate`, in (0, 1), of real time; `velocity`: per s of real
+  /// time. Its share fades in join_ticks of real time: over the longer join the noise of a measured velocity
+  /// would become a distance.
   void start_slowly(const Vec2<S>& position, const Vec2<S>& velocity, S rate) {
     join(position, Vec2<S>::Zero());
     const Motion2<S> moving{Vec2<S>::Zero(), velocity * (S(1) / rate), Vec2<S>::Zero()};
@@ -263,7 +263,7 @@ class JoinedReference {
   [[nodiscard]] Motion2<S> at(std::uint64_t tick) const {
     return motion(tick, tick, [&] { return ticks(tick); });
   }
-  /// The same between ticks.
+  /// Motion at a time between ticks, otherwise as at(tick).
   [[nodiscard]] Motion2<S> at(const TickTime& t) const {
     return motion(t, t.tick, [&] { return ticks(t.tick) + S(t.fraction) * S(0x1p-24L); });
   }

@@ -30,16 +30,16 @@ template <class S>
   return side * k1 * root + z;
 }
 
-/// Known delays of the loop.
+/// Known delays of the loop, in ticks.
 template <class S>
 struct Lateness {
-  int delay = 0;  ///< of the torque, ticks, 0 .. SuperTwisting::most_delay
-  S lag{};        ///< of the measurement, ticks, >= 0
+  int delay = 0;  ///< of the torque, 0 .. SuperTwisting::most_delay
+  S lag{};        ///< of the measurement, >= 0
 };
 
-/// The law on two coordinates. It estimates the disturbance up to the last tick: the change of s less that by
-/// the w that acted. A torque delay is bridged by the w that are under way; a sensor lag lengthens the step
-/// as in [F39] and low-passes the estimate.
+/// The law on the two independent coordinates; s in m/s or rad/s. It estimates the disturbance up to the last
+/// tick: the change of s less that by the w that acted. A torque delay is bridged by the w that are under
+/// way; a sensor lag lengthens the step as in [F39] and low-passes the estimate.
 template <class S>
 class SuperTwisting {
  public:
@@ -48,9 +48,9 @@ class SuperTwisting {
   /// Returns to the state of the first tick: integral zero, no w under way.
   void reset() { ticks_ = 0; }
 
-  /// Acceleration w that lowers s by w per second. rate: bound L >= 0 of the disturbance's rate of change,
-  /// unit of s / s2; h: sample time, s; lost: the part of the last w that did not become torque. While that
-  /// is not zero the integral stands still.
+  /// Acceleration w (unit of s / s) that lowers s by w per second. rate: bound L >= 0 of the disturbance's
+  /// rate of change, unit of s / s2; h: sample time, s; lost: the part of the last w that did not become
+  /// torque; while it is not zero, the integral stays.
   [[nodiscard]] Vec2<S> step(const Vec2<S>& s, const Vec2<S>& lost, S rate, S h, Lateness<S> late) {
     const int delay = late.delay;
     const S slower = S(1) + late.lag, T = h * slower, trust = S(1) / (slower * slower);

@@ -39,7 +39,8 @@ struct Body {
   S rotor{};           ///< mass of the joint's own row of p: a rotor behind its gear, kg m2 or kg
 };
 
-/// See the top of the file.
+/// Kinematics of a planar chain, one body at a time from the base outwards. `i`: body and its joint, 0 to
+/// joints - 1, not checked.
 template <class S, class... Links>
 class Chain {
  public:
@@ -48,11 +49,12 @@ class Chain {
   static constexpr bool slides = ((Links::joint == Joint::prismatic) || ...);
 
   struct NoSlides {};
-  /// Unit vectors instead of angles: the model needs sines and cosines only. Not initialised by itself.
+  /// Configuration as unit vectors: the model needs only sines and cosines of angles. Not initialised by
+  /// itself.
   struct Pose {
     List<Vec2<S>, joints> axis;  ///< along body i, in the frame of the subsystem
-    List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i; kept apart because sin theta decides type 1
-    [[no_unique_address]] std::conditional_t<slides, Joints, NoSlides> slide;  ///< of each joint, m
+    List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i, whose sine decides type 1; (1, 0) if prismatic
+    [[no_unique_address]] std::conditional_t<slides, Joints, NoSlides> slide;  ///< displacements, m
   };
 
   Chain() = default;
@@ -75,6 +77,7 @@ class Chain {
       return S(0);
     }
   }
+  /// Sets the displacement of joint i to q, m; 0 of a revolute one. No effect where no joint slides.
   ESMC_INLINE static void put_slide(Pose& p, int i, S q) {
     if constexpr (slides) p.slide[i] = revolute(i) ? S(0) : q;
   }
@@ -82,7 +85,8 @@ class Chain {
   ESMC_INLINE S reach(const Pose& p, int i) const {
     return revolute(i) ? bodies_[i].length : S(bodies_[i].length + slid(p, i));
   }
-  /// Vector from the origin of body i to its mass centre, m, for its axis x; the vector's rate for x'.
+  /// Vector from the joint of body i, after sliding, to its mass centre, m. x: unit vector along its axis;
+  /// linear in x, so that a rate of x gives the rate of the vector.
   ESMC_INLINE Vec2<S> from_joint(const Vec2<S>& x, int i) const {
     if (shapes_[i] == Shape::bar) return scaled(x, bodies_[i].centre);
     return x * bodies_[i].centre + perp(x) * bodies_[i].centre_across;
@@ -93,8 +97,8 @@ class Chain {
     return shapes_[i] == Shape::bar ? moment : S(moment - bodies_[i].centre_across * dot(p.axis[i], force));
   }
 
-  /// A quantity that is linear in the axes (a difference of poses, a rate, an acceleration): of the axis of a
-  /// body, and of what its joint slides along it.
+  /// Difference of poses, rate or acceleration of two vectors of a body: the unit vector of its axis (1, 1/s,
+  /// 1/s2) and the displacement of its joint along that axis (m, m/s, m/s2).
   struct BodyMotion {
     Vec2<S> axis, slide;
 
@@ -108,8 +112,8 @@ class Chain {
       return {a.axis - b.axis, a.slide - b.slide};
     }
   };
-  /// The quantity m of body i at its mass centre. `at_end`: the quantity at the end of the body before; this
-  /// function moves it to the end of body i.
+  /// The motion m of body i at its mass centre, m (per s, s2). `at_end`: of the end of the body before, empty
+  /// for i = 0; this function moves it to the end of body i.
   ESMC_INLINE Vec2<S> to_mass_centre(Sum<Vec2<S>>& at_end, int i, const BodyMotion& m) const {
     Vec2<S> out;  // the only object returned, or it would be copied by way of memory
     if (!revolute(i)) at_end.add(m.slide);
@@ -122,9 +126,9 @@ class Chain {
     return out;
   }
 
-  /// Rates of the bodies before: pdot = C p# (2).
+  /// Memory of move() for rates, p = C p# (2): one object per pass along the chain.
   struct RateWalk {
-    Sum<S> spin;  ///< of the body in hand, rad/s
+    Sum<S> spin;  ///< angular rate of the body in hand, rad/s
   };
   /// Rate of body i at the joint rates qd; call for i = 0, 1, .. in this order, with one w.
   ESMC_INLINE static BodyMotion move(RateWalk& w, int i, const Pose& p, const Joints& qd) {
@@ -137,7 +141,7 @@ class Chain {
     }
     return m;
   }
-  /// Accelerations at constant joint rates, bilinear in two motions a and b: c = Cdot p# [F1].
+  /// Memory of move() for the accelerations Cdot(a) b at constant joint rates a and b, [F1] for a = b.
   struct BiasWalk {
     Sum<S> spin_a, spin_b;
   };

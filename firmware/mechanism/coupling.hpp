@@ -13,8 +13,9 @@ namespace esmc {
 
 /// A platform that is a point mass (48): q0 = (x, y), every leg is attached to the point itself.
 ///
-/// Coupling asks a platform for these members. A platform that turns adds to `Pose` how it lies and sets
-/// `turns`: its attachment points then accelerate by `attachment_bias(pose, leg, a, b)` at constant rates.
+/// Coupling needs these members of a platform. A platform that can rotate adds its orientation to `Pose`,
+/// sets `turns` and has `attachment_bias(pose, leg, a, b)`: acceleration (m/s2) of an attachment point at
+/// constant platform rates a and b, bilinear.
 template <class S>
 struct PointMass {
   static constexpr int dof = 2;
@@ -37,7 +38,7 @@ struct PointMass {
   }
   /// M_0 v' + g_0, N, of an acceleration v' (m/s2).
   [[nodiscard]] Vec2<S> force(const Vec2<S>& v) const { return {mass * v.x(), mass * (v.y() + gravity)}; }
-  [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0
+  [[nodiscard]] Vec2<S> weight() const { return Vec2<S>::Constant(mass); }  ///< diagonal of M_0, kg
 };
 
 /// Frame Nj of leg j in N: its origin, and whether it is mirrored (x to the left, angles clockwise).
@@ -46,9 +47,9 @@ struct LegFrame {
   Vec2<S> base = Vec2<S>::Zero();  ///< m
   S mirror{1};                     ///< +1 parallel to N, -1 mirrored: S_j = diag(mirror, 1) (56)
 
-  /// S_j v: a vector in N, seen in Nj. S_j is its own inverse.
+  /// S_j v: components in Nj of a vector in N. S_j is its own inverse.
   [[nodiscard]] Vec2<S> to_leg(const Vec2<S>& v) const { return {mirror * v.x(), v.y()}; }
-  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }  ///< a vector in Nj, seen in N
+  [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }  ///< its inverse, Nj to N
   [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }      ///< N to Nj, m
   [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }  ///< m, to N
 };
@@ -96,7 +97,7 @@ class Coupling {
   [[nodiscard]] const Platform& platform() const { return platform_; }
   /// Row of p with which leg j begins.
   static constexpr int row_leg(int j) { return Platform::channels + j * Leg::channels; }
-  /// False for the rows of joints: see Serial::force.
+  /// True for rows with a mass or an inertia in M; false for the rows of joints: see Serial::force.
   static constexpr bool has_mass(int row) {
     return row < Platform::channels || Leg::has_mass((row - Platform::channels) % Leg::channels);
   }

@@ -67,7 +67,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     int assembly = 0;        ///< sign of D2, +1 or -1
   };
 
-  /// Effector, legs, and distance to type 2.
+  /// Configuration: effector, legs, and D2.
   struct Pose : Base::LegPoses {
     S sin_type2;  ///< D2 = sin(phi12 + phi22): 0 at type 2, its sign is the assembly mode [F18]
   };

@@ -51,6 +51,7 @@ enum class [[nodiscard]] ParamError : std::uint8_t{
 };
 
 namespace detail {
+/// 0 <= v <= 1e30; above_zero: 0 < v <= 1e30. Both false for a NaN.
 template <class S>
 constexpr bool at_least_zero(S v) {
   return v >= S(0) && v <= S(1e30F);

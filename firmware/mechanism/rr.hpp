@@ -7,7 +7,9 @@
 
 namespace esmc {
 
-/// The RR arm; see the top of the file. Lengths in m, angles in rad, torques in N m.
+/// The RR arm; see the top of the file. Lengths in m, angles in rad, torques in N m. A member without a
+/// comment means what it means in FiveBar and Coupling; here joints are independent coordinates and base
+/// joints as well, so a conversion between these returns its argument.
 template <class S>
 class Rr {
  public:
@@ -58,11 +60,11 @@ class Rr {
   static void base_directions(const Pose& p, List<Vec2<S>, 2>& out) { out = p.arm.turn; }
   /// (theta1, theta2) of a pose, rad, each in [-pi, pi].
   [[nodiscard]] static Vec2<S> angles(const Pose& p) { return angles_of(p.arm.turn); }
-  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }  ///< both joints are
+  [[nodiscard]] static Vec2<S> base_angles(const Pose& p) { return angles(p); }  ///< both are base joints
   [[nodiscard]] static S sin_type1(const Pose& p) { return p.arm.turn[1].y(); }  ///< sin theta2
   static S min_abs_sin_type1(const Pose& p) { return sin_type1(p) < S(0) ? -sin_type1(p) : sin_type1(p); }
 
-  /// 1, as far from type 2 as can be: the arm has none.
+  /// 1, the largest distance from type 2, which the arm does not have.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
   [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }  ///< no type 2
   /// True if sin theta2 has the sign of the mode; false at type 1 and for a NaN.

@@ -26,8 +26,8 @@ class Serial {
 
   static constexpr int row_joint(int i) { return i; }               ///< rate of joint i
   static constexpr int row_angle(int i) { return joints + i; }      ///< angular rate of bar i
-  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }  ///< of body i; its y is the next row
-  /// False for the rows of the joints: see `force`.
+  static constexpr int row_x(int i) { return 2 * joints + 2 * i; }  ///< x' of mass centre i; y' is next
+  /// True for rows with a mass or an inertia in M; false for the rows of joints: see `force`.
   static constexpr bool has_mass(int row) { return row >= joints; }
 
   Serial() = default;

@@ -62,8 +62,8 @@ struct Split {
   S head, tail;
 };
 
-/// Real: the type of one number; Bits: its pattern. Specialised for float and double here, for SIMD types on
-/// the host.
+/// Coefficients and limits of the functions below in the type S. Real: the type of one number; Bits: the
+/// unsigned integer of its size. Specialised for float and double here, for SIMD types on the host.
 template <class S>
 struct Constants;
 
@@ -151,9 +151,11 @@ struct Constants<double> {
 template <class S>
 using BitsOf = typename Constants<S>::Bits;
 
+/// The sign bit.
 template <class S>
 inline constexpr BitsOf<S> kSign = BitsOf<S>{1} << (sizeof(S) * 8 - 1);
 
+/// Bit pattern of a number, sign first (IEEE 754); from_bits: the number of a pattern.
 template <class S>
 [[nodiscard]] constexpr BitsOf<S> bits(S value) {
   return std::bit_cast<BitsOf<S>>(value);
@@ -309,7 +311,7 @@ template <BinaryFloat S>
 }
 
 namespace ieee {
-/// |sine| <= kAsinReach. S may be a SIMD type.
+/// Arc sine, rad, of |sine| <= kAsinReach, which is not checked. S may be a SIMD type.
 template <class S>
 [[nodiscard]] inline S arc_sine_in_reach(S sine) {
   const S z = sine * sine;

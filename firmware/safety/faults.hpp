@@ -1,5 +1,5 @@
 #pragma once
-/// Faults: everything that ends a run.
+/// Faults: every reason to take the torque away.
 
 #include <array>
 #include <cstddef>
@@ -47,7 +47,7 @@ enum class [[nodiscard]] Fault : std::uint8_t{
 
 inline constexpr int fault_count = static_cast<int>(Fault::home_no_stop) + 1;
 
-/// In the order of the values of Fault.
+/// Names of the faults, in the order of their values.
 inline constexpr std::array<const char*, fault_count> fault_names{"none",
                                                                   "feedback_not_finite",
                                                                   "feedback_jump",

@@ -39,7 +39,7 @@ struct Range {
   [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }  ///< NaN: no
 };
 
-/// Crossing one is a latched fault.
+/// Limits of the guards. A measured quantity beyond one is a latched fault; see guard().
 template <class S>
 struct Limits {
   S min_abs_sin_type1{};                  ///< of sin theta_j2, dimensionless
@@ -48,9 +48,9 @@ struct Limits {
   S closure{};                            ///< m: distance of the leg tips with passive encoders
   Range<S> workspace_x{}, workspace_y{};  ///< m
   std::array<Range<S>, base_joint_count> joint_angle{};  ///< rad
-  std::uint32_t max_age_ticks = 0;                       ///< missed samples that are extrapolated
-  S feedback_jump{};      ///< rad per tick between an angle and its prediction from the rate; 0: any
-  S join_acceleration{};  ///< rad/s2, base joints while joining the reference; 0: any
+  std::uint32_t max_age_ticks = 0;                       ///< samples missed in a row that are extrapolated
+  S feedback_jump{};      ///< rad per tick between an angle and its prediction; 0: not checked
+  S join_acceleration{};  ///< rad/s2, base joints while joining the reference; 0: not checked
 
   /// These limits without workspace and joint angles, which a mechanism may have crossed when a halt begins.
   [[nodiscard]] constexpr Limits while_halting() const {

@@ -20,20 +20,20 @@
 
 namespace esmc {
 
-/// Torque is 0 in disabled, enabling, stopping and fault. Values: wire format, as those of Fault.
+/// States. Torque is 0 in disabled, enabling, stopping and fault. Values: wire format, as those of Fault.
 enum class State : std::uint8_t {
-  disabled = 0,
-  enabling = 1,
-  testing = 2,  ///< each motor in turn gets a small torque: the sign test, or homing
+  disabled = 0,  ///< waits for an order
+  enabling = 1,  ///< the drives are made ready for torque control
+  testing = 2,   ///< each motor in turn gets a small torque: the sign test, or homing
   running = 3,
   halting = 4,   ///< the law brings the mechanism to rest where it is
   holding = 5,   ///< at rest, under the law, until the operator ends it
-  lowering = 6,  ///< the weight is let down against damping
-  stopping = 7,
+  lowering = 6,  ///< weight compensation fades, against damping
+  stopping = 7,  ///< the drives are ordered to go idle
   fault = 8
 };
 inline constexpr int state_count = static_cast<int>(State::fault) + 1;
-/// In the order of the values of State.
+/// Names of the states, in the order of their values.
 inline constexpr std::array<const char*, state_count> state_names{
     "disabled", "enabling", "testing", "running", "halting", "holding", "lowering", "stopping", "fault"};
 static_assert(state_names.back() != nullptr);
@@ -54,7 +54,7 @@ enum class Command : std::uint8_t {
 enum class AfterHalt : std::uint8_t {
   release,  ///< torque off: for mechanisms that gravity does not move, or with a brake
   hold,     ///< torque stays until the operator commands stop or reset
-  lower,    ///< the weight is let down against damping, then torque off
+  lower,    ///< weight compensation fades against damping, then torque off
 };
 
 /// State of the drives at the start of a tick.
@@ -63,7 +63,7 @@ struct DriveStatus {
   bool all_idle = false;   ///< every axis reported idle
 };
 
-/// Decides whether there may be torque.
+/// State machine of the controller, with the latched fault; see the top of the file. Starts in `disabled`.
 class Supervisor {
  public:
   /// Options and time-outs.
@@ -94,8 +94,9 @@ class Supervisor {
   /// Occurrences of a fault since power-up, at most count_max; consecutive ticks count as one.
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
-  /// Makes the transitions of a tick. `stage_done`, from the controller: motors answered (testing), at rest
-  /// (halting), let down (lowering). `passed`: periods since the previous tick, < 2^31, for the time-outs.
+  /// Makes the transitions of a tick. `stage_done`, from the controller: test passed (testing), at rest
+  /// (halting), torque faded (lowering). `passed`: periods since the previous tick, < 2^31, for the
+  /// time-outs.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {
