@@ -47,7 +47,8 @@ class Controller {
                      config.correct != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
-  /// 1 + joint of the encoder that last explained, alone, a gap above limits.closure; 0: none yet, no `fuse`.
+  /// 1 + index of the joint whose encoder alone explains the last gap of the leg tips above limits.closure;
+  /// 0: none so far, or no `fuse`.
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
   /// Configuration of the supervisor of this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
@@ -56,16 +57,16 @@ class Controller {
             config_.stopping_ticks_max};
   }
 
-  /// The generator of set points; its motion replaces the reference while it is active.
+  /// The generator of set points. While it is active(), its motion replaces the reference.
   [[nodiscard]] SetpointGenerator<S>& setpoints() { return setpoints_; }
-  /// The rate at which the reference is followed.
+  /// The feed-rate override of the reference.
   [[nodiscard]] PathRate<S>& path_rate() { return path_rate_; }
-  /// Memory of the optional parts, valid once under the law; to linearise the controller.
+  /// Memory of the optional parts, for a linearisation; valid after the first tick under the law.
   [[nodiscard]] PartMemory<M>& memory() { return memory_; }
   /// True if the mechanism has a pose at this finite position: effector (m) or base joints (rad), as in the
   /// reference. Neither limits nor the way there are checked.
   [[nodiscard]] bool reachable(const Vec2<S>& position) const;
-  /// Sets the gains from the table of the link (see esmc::set_gains); call it only while disabled.
+  /// Sets the gains from the parameters of the link (see esmc::set_gains); call only while disabled.
   void set_gains(const link::Parameters& p, S delay_ticks);
 
   /// One tick, after supervisor.begin_tick(): sample -> estimate -> guards -> reference -> law -> allocation
@@ -118,14 +119,14 @@ class Controller {
         wrong = accept(i, measured, limits, angle[i]);
     }
     if (wrong != Fault::none) {
-      out.nothing_seen();
+      out.clear_estimate();
       return wrong;
     }
     const Vec2<S> base_angle = at_base(angle), base_rate = at_base(measured.rate);
     S closure(0);
     if (from_base) {
       if (!estimate_from_base(config_.mechanism, config_.mode, base_angle, base_rate, pose, rates)) {
-        out.nothing_seen();
+        out.clear_estimate();
         return Fault::loop_not_closed;
       }
     } else if constexpr (M::joints == 4) {
@@ -158,14 +159,14 @@ class Controller {
     Tracking<M> t;
     Fault fault = observe(measured, stopping ? halting_limits_ : config_.limits, t.pose, t.rates, out);
     if (fault != Fault::none || state == State::testing) {
-      out.nothing_desired();
+      out.clear_desired();
       return fault != Fault::none ? fault : sign_test_torque(t, out);
     }
     if (config_.observer != nullptr) [[unlikely]]
       config_.observer(config_, t, memory_);
     fault = run ? follow(t) : bring_to_rest(state, t, out);
     if (fault != Fault::none) {
-      out.nothing_desired();
+      out.clear_desired();
       return fault;
     }
     out.desired_effector = t.desired_pose.effector;
@@ -482,7 +483,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     }
   } else {  // the effector is reported in every state; while enabling the guards must hold too
     const Fault fault = observe_apart(measured, out);
-    out.nothing_desired();
+    out.clear_desired();
     if (supervisor.state() == State::enabling && fault != Fault::stale_feedback) supervisor.raise(fault);
   }
   if (!acted) out.sliding.setZero();

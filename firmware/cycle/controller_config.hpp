@@ -18,7 +18,8 @@ enum class Motors : std::uint8_t { base, all };  ///< all (5R only): motors on t
 /// Which joints have an encoder.
 enum class Sensors : std::uint8_t { base, all };  ///< all (5R only): encoders on the passive joints too
 
-/// Everything that determines the controller. The mechanism is its model, not the plant.
+/// Everything that determines the controller. `mechanism` is its model, not the plant. A null part is not
+/// used.
 template <class M>
 struct ControllerConfig {
   using S = typename M::Scalar;
@@ -43,7 +44,7 @@ struct ControllerConfig {
   std::uint32_t stopping_ticks_max = Supervisor::Config{}.stopping_ticks_max;
   S setpoint_speed{1},
       setpoint_acceleration{1};           ///< > 0, of set points, each coordinate of the reference's space
-  std::uint32_t setpoint_jerk_ticks = 0;  ///< length of MovingAverage for set points
+  std::uint32_t setpoint_jerk_ticks = 0;  ///< length of MovingAverage for set points; 0: none
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
   /// N m, |preload| <= torque_limit; four motors only: see allocate_within.
@@ -57,19 +58,20 @@ struct ControllerConfig {
   FusionPart<M> fuse = nullptr;     ///< sensors = all: from four encoders to a state
   S delay_ticks{};                  ///< >= 0, whole: known delay of the torque, for optional parts
   S lag_ticks{};                    ///< >= 0: known delay of the measurement, for optional parts
-  S observer_bandwidth{};           ///< 1/s, >= 0
-  ReachingPart<M> reach = nullptr;  ///< in place of `reaching`
+  S observer_bandwidth{};           ///< of `observer`, 1/s, >= 0
+  ReachingPart<M> reach = nullptr;  ///< takes the place of `law` with `reaching`
   ReachingPart<M> behind =
-      nullptr;  ///< what part::elbow_rotors, which is then `reach`, adds to; null: the law
+      nullptr;  ///< the part that part::elbow_rotors, then `reach`, calls first; null: the law
   ObserverPart<M> observer = nullptr;  ///< its disturbance is compensated
   PredictorPart<M> predict =
       nullptr;  ///< the law acts on the predicted state and the reference at its instant
   MotorMap<S, M::joints> motor_map{};
-  MotorPart<M> correct = nullptr;  ///< part::motor_map; null: motors give what they are asked for
+  MotorPart<M> correct = nullptr;  ///< part::motor_map; null: motors give the commanded torque
 
+  /// Number of joints with a motor; sensor_count(): with an encoder.
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }
-  /// Joint of motor or sensor i of n: with two on a 5R every second joint.
+  /// Index of the joint of motor or sensor i of n: i, or with two on a 5R every second joint. Not checked.
   [[nodiscard]] static constexpr int joint_of(int i, int n) {
     return n == M::joints ? i : i * (M::joints / 2);
   }

@@ -15,7 +15,7 @@
 
 namespace esmc {
 
-/// Counters of frames.
+/// Counters of frames since the start; each wraps at 2^32.
 struct BusCounters {
   std::uint32_t received = 0;         ///< of our axes
   std::uint32_t not_mine = 0;         ///< of other nodes
@@ -33,7 +33,7 @@ class Cycle {
   using S = typename M::Scalar;
   static constexpr int axes_max = M::joints;
   static constexpr int frames_per_tick_max = 1024;  ///< that one tick reads from the bus
-  /// The drives send samples on request() only.
+  /// True if the drives send samples on request() only.
   static constexpr bool samples_on_demand = !std::is_same_v<typename D::Line, drive::NoLine>;
 
   /// Configuration of the controller, the axes, the line and the link.
@@ -50,9 +50,9 @@ class Cycle {
     bool confirmed = true;
     bool zero_absolute = true;  ///< encoders keep their zero without power; false: confirm_zero first
     Vec<S, M::joints> zero_pose = Vec<S, M::joints>::Zero();  ///< rad: the joints at confirm_zero
-    S torque_mismatch{};        ///< N m at the joint between a drive's torque and its command; 0: any
+    S torque_mismatch{};        ///< N m at the joint between a drive's torque and its command; 0: not checked
     S torque_time{};            ///< s, time constant with which a drive follows its command
-    bool samples_timed = true;  ///< false: in lockstep the waiting time of a frame has no meaning
+    bool samples_timed = true;  ///< true: the age of a frame counts; false: lockstep, where it has no meaning
     link::LinkConfig link{};    ///< to a supervisor computer; without a base_id: none
     S delay_ticks{};            ///< as in the layers of controller.gains; for gains that come by the link
     HomingConfig<S> homing{};   ///< to zero_pose, where the base joints are on their end stops
@@ -88,15 +88,15 @@ class Cycle {
     if (c == Command::home && !homing_.available()) return;
     if (command_ != Command::stop && (command_ != Command::halt || c == Command::stop)) command_ = c;
   }
-  /// State of the normally closed contact `enable`, as often as it is read; closed until the first call. One
-  /// open reading since the last tick is the fault enable_open, whatever came after it.
+  /// Takes a reading of the normally closed contact `enable`; closed until the first call. One open reading
+  /// since the last tick is the fault enable_open, also if later ones are closed.
   void enable_input(bool closed) {
     enable_closed_ = closed;
     enable_was_open_ = enable_was_open_ || !closed;
   }
-  /// Raises the fault tick_late in the next tick: two ticks in a row began late, or one by far.
+  /// Raises the fault tick_late in the next tick. Call when two ticks in a row began late, or one by far.
   void tick_late() { late_ = true; }
-  /// Lateness of the coming tick, us, for the capture of ticks.
+  /// Sets the lateness of the coming tick, us, for its record (link::Capture); no effect on control.
   void late_by(std::uint32_t us) { link_.late_by(us); }
   /// Lockstep: sets the time since the last tick, us, < 1e9, for the next tick() without `answer` alone.
   void time_passed(std::uint32_t us) {
@@ -129,28 +129,30 @@ class Cycle {
     link_.add_filters(list);
     return list;
   }
-  /// Makes every axis repeat its last request at the next tick without waiting. Call only before heard().
+  /// Makes every axis repeat its last request to the drive at the next tick without its waiting time. Call
+  /// only before heard().
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }
 
-  /// True if every axis has sent its frames of the tick: in lockstep the time to tick.
+  /// True if every axis has sent its frames of the tick: in lockstep the condition for tick().
   [[nodiscard]] bool complete() const {
     bool all = opened_;
     for (int i = 0; i < axis_count_; ++i) all = all && axis(i).heard_this_tick();
     return all;
   }
-  /// True if some axis has sent its frames of the tick.
+  /// True if at least one axis has sent its frames of the tick.
   [[nodiscard]] bool set_begun() const {
     return opened_ && any_axis([](const D& a) { return a.heard_this_tick(); });
   }
-  /// True once some axis has been heard; never false again.
+  /// True once any axis has sent a frame of its own (Drive::alive); stays true.
   [[nodiscard]] bool heard() const {
     return any_axis([](const D& a) { return a.alive(); });
   }
   /// True if every motor has reported idle after its last request; see Drive::idle.
   [[nodiscard]] bool all_idle() const { return status().all_idle; }
-  /// True if receive() reads no more before the next tick, which raises bus_overload: do not wait for more.
+  /// True if frames were lost or receive() has reached frames_per_tick_max: the next tick raises
+  /// bus_overload, so waiting for more frames is useless.
   [[nodiscard]] bool overloaded() const { return (bus_events_ & flooded) != 0; }
 
   /// Reads the waiting frames, at most frames_per_tick_max per tick. May be called several times per tick.

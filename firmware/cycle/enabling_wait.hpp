@@ -6,16 +6,17 @@
 
 namespace esmc {
 
-/// A drive must speak within the limit, and a drive that has spoken must be set up or ready within it: power
-/// that comes later must not meet an old order. Reset by assignment when enabling ends.
+/// Limits the ticks in which enabling makes no progress. Every drive must send a frame within the limit, and
+/// be set up or ready within it after that: power that comes later must not meet an old order. Reset by
+/// assignment when enabling ends.
 template <int axes_max>
 struct EnablingWait {
   std::uint32_t ticks = 0;                                    ///< without progress
-  bool waits = false, all = false;                            ///< all: every axis has been heard
-  std::array<bool, static_cast<unsigned>(axes_max)> heard{};  ///< each axis, since enabling began
+  bool waits = false, all = false;                            ///< enabling; every axis has sent a frame
+  std::array<bool, static_cast<unsigned>(axes_max)> heard{};  ///< by axis: a frame since enabling began
 
-  /// Counts; call once per tick while enabling, `passed` ticks after the last. `silent(i)`: ticks since axis
-  /// i was heard; `setting_up(i)`: it is a motor whose set-up goes on. True: `ticks_max` is reached.
+  /// Counts; call once per tick while enabling, `passed` ticks after the last. `silent(i)`: ticks since the
+  /// last frame of axis i; `setting_up(i)`: it is a motor whose set-up goes on. True: `ticks_max` is reached.
   template <class Silent, class SettingUp>
   bool expired(int axis_count, std::uint32_t passed, std::uint32_t ticks_max, Silent&& silent,
                SettingUp&& setting_up) {

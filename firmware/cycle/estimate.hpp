@@ -63,7 +63,7 @@ template <class S>
   return out;
 }
 
-/// The reference in the form that the laws take.
+/// The reference as pose, rates and accelerations of all coordinates.
 template <class M>
 struct Desired {
   typename M::Pose pose;
@@ -96,7 +96,7 @@ template <class M, class S = typename M::Scalar>
   return true;
 }
 
-/// Reference of an effector at x (m) with velocity v (m/s) and acceleration a (m/s2), by value. Nothing:
+/// Reference of an effector at x (m) with velocity v (m/s) and acceleration a (m/s2), by value. Empty:
 /// outside the workspace. Rates and accelerations are not finite at type 1.
 template <class M, class S = typename M::Scalar>
 [[nodiscard]] std::optional<Desired<M>> desired_at_effector(const M& m, const typename M::Mode& mode,

@@ -1,5 +1,5 @@
 #pragma once
-/// Presses one base joint after the other on its end stop, where the zero of its encoder is known.
+/// Homing: finds the zero of the encoders by moving one base joint after the other to its end stop.
 
 #include <algorithm>
 #include <cmath>
@@ -10,37 +10,38 @@
 
 namespace esmc {
 
-/// Values of the base joints. Without a travel there is no homing.
+/// Configuration of homing, one entry per base joint. travel = 0: no homing.
 template <class S>
 struct HomingConfig {
-  Vec2<S> speed = Vec2<S>::Zero();    ///< rad/s, not 0; its sign is the way to the stop
-  Vec2<S> torque = Vec2<S>::Zero();   ///< N m, > 0: the most that homing gives
-  Vec2<S> damping = Vec2<S>::Zero();  ///< N m s/rad, > 0: torque of an error of the speed
-  S travel{};                         ///< rad, > 0, in which a stop must be met
+  Vec2<S> speed = Vec2<S>::Zero();    ///< rad/s, not 0; its sign is the direction to the stop
+  Vec2<S> torque = Vec2<S>::Zero();   ///< N m, > 0: limit of |torque| while homing
+  Vec2<S> damping = Vec2<S>::Zero();  ///< N m s/rad, > 0: gain of the speed controller
+  S travel{};                         ///< rad, > 0, within which a stop must be met
   S back_off{};                       ///< rad, > 0, by which a stop is left
-  S share{};  ///< of the error's torque that the integral takes up in a tick; > 0, below 0.1
+  S share{};  ///< of the gain, per tick: integral part of the speed controller; 0 < share < 0.1
 };
 
-/// A joint moves at its speed, by a speed controller within the torque, until it stands under the whole
-/// torque for 1 / share ticks. It then moves away by the back-off and must come to stand in the same place
-/// again: a motor without torque and an encoder that froze stand too, but anywhere. The second joint is
-/// damped meanwhile, so that a closed chain lets the first one pass; the first one then stays pressed on its
-/// stop. At last both leave their stops. A torque below the weight stands in the same place twice, too.
+/// A joint moves at its speed, by a speed controller with limited torque, until it stands under the whole
+/// torque for 1 / share ticks: its end stop. It then moves away by the back-off and must come to stand in the
+/// same place again: a motor without torque and an encoder that froze stand too, but anywhere. The second
+/// joint is damped meanwhile, so that a closed chain lets the first one pass; the first one then stays
+/// pressed on its stop. At last both leave their stops. A torque below the weight stands in the same place
+/// twice, too.
 template <class S>
 class Homing {
  public:
   Homing() = default;
-  /// `sample_time`: s, > 0; `halt_ticks`: within four times as many, or 40, a brake must have ended.
+  /// `sample_time`: s, > 0; brake() must end within 4 halt_ticks, or 40 where that is more.
   Homing(const HomingConfig<S>& config, S sample_time, std::uint32_t halt_ticks)
       : config_(config), sample_time_(sample_time), halt_ticks_(halt_ticks) {}
 
-  [[nodiscard]] bool available() const { return config_.travel > S(0); }  ///< there is homing
-  /// After step(): both joints press on their stops, for one tick.
+  [[nodiscard]] bool available() const { return config_.travel > S(0); }  ///< homing is configured
+  /// True in the one tick in which step() has found both joints pressed on their stops: the zero pose.
   [[nodiscard]] bool met() const { return joint_ == 2 && !begun_; }
-  [[nodiscard]] bool done() const { return left_; }        ///< both joints have left their stops
-  [[nodiscard]] bool at_rest() const { return resting_; }  ///< in the last brake()
-  /// Most that an angle may be off its prediction from the rate, rad per tick: the fastest speed allowed, or
-  /// what a coarse encoder resolves.
+  [[nodiscard]] bool done() const { return left_; }  ///< both joints have left their stops: homing is over
+  [[nodiscard]] bool at_rest() const { return resting_; }  ///< the last brake() found both joints at rest
+  /// Limits::feedback_jump for homing, rad per tick: the largest allowed speed times a tick, at least 0.002
+  /// for coarse encoders.
   [[nodiscard]] S feedback_jump() const { return std::max(fastest() * sample_time_, S(0.002F)); }
 
   /// Makes the next step() begin with the first joint.

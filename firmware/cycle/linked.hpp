@@ -6,8 +6,9 @@
 
 namespace esmc {
 
-/// Takes the requests of the link, applies them to the controller, and returns the command for the
-/// supervisor's next begin_tick(). A set point out of reach is refused. delay_ticks: see set_gains.
+/// Takes the requests of the link, applies gains, path rate and set points to the controller, and returns the
+/// command for the supervisor's next begin_tick(). A set point out of reach is refused. delay_ticks: see
+/// set_gains.
 template <class M>
 Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;
@@ -29,7 +30,8 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   return r.command;
 }
 
-/// Telemetry of a tick; the caller adds the error of a drive. `error` is zero except in running.
+/// Telemetry of a tick, SI units, for link::CommandLink::transmit(); the caller adds the error of a drive.
+/// `error` is zero except in running.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {

@@ -8,17 +8,18 @@
 
 namespace esmc {
 
-/// The motion of two coordinates (m or rad, s). It passes no limit that it does not begin beyond: a velocity
-/// above `speed` is reduced to it first.
+/// The motion of two coordinates (m or rad, s), within the limits of plan(); a velocity that begins above
+/// `speed` is reduced to it first.
 template <class S>
 class MotionProfile {
  public:
   MotionProfile() = default;
   explicit MotionProfile(S sample_time) : sample_time_(sample_time) {}  ///< s, > 0
 
-  /// From `from` with `rate` to rest at `to`, within `speed` and `acceleration` of each coordinate (> 0), in
-  /// the least time of the slower coordinate. The other one shares its instants of switching where its limits
-  /// allow (always from rest: the path is then straight), else it has its own. Finite input: not checked.
+  /// Plans the motion from `from` with `rate` to rest at `to`, within `speed` and `acceleration` of each
+  /// coordinate (> 0), in the least time of the slower coordinate. The other one shares its instants of
+  /// switching where its limits allow (always from rest: the path is then straight), else it has its own.
+  /// Finite input: not checked.
   void plan(const Vec2<S>& from, const Vec2<S>& rate, const Vec2<S>& to, S speed, S acceleration) {
     const Vec2<S> way = to - from;
     const Shape a = fastest(way[0], rate[0], speed, acceleration);
@@ -36,7 +37,8 @@ class MotionProfile {
     set(other, from[other], rate[other], to[other],
         fits ? with : lasting(way[other], rate[other], time, acceleration));
   }
-  /// From `from` to rest with |acceleration| <= `acceleration` (> 0), straight on: half of rate * time ahead.
+  /// Plans the motion from `from` with `rate` to rest on a straight line, |acceleration| <= `acceleration` (>
+  /// 0) in each coordinate; it ends rate * time / 2 ahead.
   void brake(const Vec2<S>& from, const Vec2<S>& rate, S acceleration) {
     const S a = magnitude(rate[0]), b = magnitude(rate[1]);
     const S time = (a > b ? a : b) / acceleration;
@@ -45,9 +47,9 @@ class MotionProfile {
       set(i, from[i], rate[i], from[i] + rate[i] * (time * S(0.5)), {rate[i], S(0), S(0), time});
   }
 
-  /// The motion is at rest, exactly at its end, from this tick on.
+  /// The first tick in which the motion is at rest, exactly at its end.
   [[nodiscard]] std::uint32_t ticks() const { return whole_ + 1; }
-  /// Motion in a tick, 0 being that of plan() or brake().
+  /// Motion in a tick, counted from plan() or brake() = 0; at rest after the end.
   [[nodiscard]] Motion2<S> at(std::uint32_t tick) const {
     Motion2<S> m;
     const S t = S(tick) * sample_time_;

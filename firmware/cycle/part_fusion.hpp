@@ -11,8 +11,9 @@ namespace esmc {
 template <class M>
 struct ControllerConfig;
 
-/// From angles (rad) and rates (rad/s) of all joints to a closed pose and consistent rates; `out.closure` is
-/// the measured gap. Returns 1 + the joint whose encoder alone explains a gap above limits.closure, or 0.
+/// Type of ControllerConfig::fuse: from angles (rad) and rates (rad/s) of all joints to a closed pose and
+/// consistent rates; `out.closure`: measured distance of the leg tips, m. Returns 1 + the joint whose encoder
+/// alone explains a gap above limits.closure, or 0.
 template <class M>
 using FusionPart = std::uint8_t (*)(const ControllerConfig<M>& config,
                                     const Vec<typename M::Scalar, M::joints>& angle,

@@ -19,7 +19,7 @@ void without_switching(const ControllerConfig<M>& config, const Tracking<M>& t,
   fused_acceleration(config.law, config.mechanism, gain, Reaching::saturation, t, acceleration, sliding);
 }
 
-/// Torques at all joints, gathered on the base joints, N m.
+/// Base-joint torques (N m) that act as `torque` (N m) at all joints does, C^_a^T tau [F25].
 template <class S>
 [[nodiscard]] Vec2<S> on_base(const FiveBar<S>& m, const typename FiveBar<S>::Pose& p,
                               const std::type_identity_t<Vec<S, 4>>& torque) {

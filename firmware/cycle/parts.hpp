@@ -12,15 +12,15 @@ namespace esmc {
 template <class M>
 struct ControllerConfig;
 
-/// Memory of the optional parts.
+/// Memory of the optional parts between ticks. Not initialised by itself but for the members with a value.
 template <class M>
 struct PartMemory {
   using S = typename M::Scalar;
   static constexpr int depth = SuperTwisting<S>::most_delay + 1;
 
-  Vec2<S> asked;  ///< torque that the law requested in the last tick, N m, gathered on the base joints
-  List<Vec<S, M::joints>, depth> sent;  ///< torques sent, limited and ramped, the last tick's first
-  bool whole = true;                    ///< the last torque sent is the requested one
+  Vec2<S> asked;  ///< torque that the law wanted in the last tick, N m, gathered on the base joints
+  List<Vec<S, M::joints>, depth> sent;  ///< torques sent, N m, limited and ramped, the last tick's first
+  bool whole = true;                    ///< the last torque sent is the wanted one
   int ticks = 0;                        ///< number of torques in `sent`
   SuperTwisting<S> twisting;
   Vec2<S> momentum;  ///< of the base joints, predicted for the next tick without torque, N m s
@@ -30,7 +30,8 @@ struct PartMemory {
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }
-  /// Records the torques sent, N m; call at the end of a tick under the law. `as_asked`: none was limited.
+  /// Records the torques sent, N m; call at the end of a tick under the law. `as_asked`: none was limited or
+  /// ramped.
   void keep(const Vec<S, M::joints>& torque, bool as_asked) {
     for (int k = depth - 1; k > 0; --k) sent[k] = sent[k - 1];
     sent[0] = torque;
@@ -52,14 +53,15 @@ struct PartMemory {
   }
 };
 
-/// v' and sliding variables of a law whose reaching law couples channels or has memory.
+/// Type of ControllerConfig::reach: sets v' and s of a law whose reaching law couples channels or has memory.
 template <class M>
 using ReachingPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory,
                               typename M::Channels& acceleration, typename M::Channels& sliding);
-/// Updates memory.disturbance from the measured state.
+/// Type of ControllerConfig::observer: updates memory.disturbance (N m) from the measured state.
 template <class M>
 using ObserverPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// What motors give: factor * asked + amplitude * sin(per_turn * joint angle + phase), one entry per joint.
+/// Torque that a motor gives: factor * commanded + amplitude * sin(per_turn * joint angle + phase), N m; one
+/// entry per joint.
 template <class S, int Joints>
 struct MotorMap {
   Vec<S, Joints> factor = Vec<S, Joints>::Ones();     ///< > 0
@@ -67,12 +69,14 @@ struct MotorMap {
   Vec<S, Joints> per_turn = Vec<S, Joints>::Zero();   ///< its periods per turn of the joint
   Vec<S, Joints> phase = Vec<S, Joints>::Zero();      ///< rad
 };
-/// Changes torques, N m at the joints, between those that the motors are asked for and those that they give.
+/// Direction of a MotorPart: from given to commanded (asked) torque, or back.
 enum class MotorTorque : std::uint8_t { given_to_asked, asked_to_given };
+/// Type of ControllerConfig::correct: converts torques, N m at the joints, in place.
 template <class M>
 using MotorPart = void (*)(const ControllerConfig<M>& config, const Sample<M>& measured, MotorTorque change,
                            Vec<typename M::Scalar, M::joints>& torque);
-/// Moves the state of `t` to the instant at which the torque of this tick acts.
+/// Type of ControllerConfig::predict: moves the state of `t` to the instant at which the torque of this tick
+/// acts.
 template <class M>
 using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory,
                                Tracking<M>& t);

@@ -9,25 +9,28 @@
 
 namespace esmc {
 
-/// Path time and its rate. Both are integers: nothing drifts, and at rate 0 nothing moves.
+/// Path time and its rate, 0 to 1, both as integers: nothing drifts, and at rate 0 the motion rests.
 template <class S>
 class PathRate {
  public:
   static constexpr unsigned percent_max = 100;
 
   PathRate() = default;
-  /// |s'' p'| <= `acceleration` (m/s2 or rad/s2, > 0) in each coordinate, as far as `feasible` of step() lets
-  /// it, and |s''| <= 10/s; `sample_time`: s, > 0.
+  /// Limits the change of rate: |s'' p'| <= `acceleration` (m/s2 or rad/s2, > 0) in each coordinate, and
+  /// |s''| <= 10/s; see step() for exceptions. `sample_time`: s, > 0.
   PathRate(S acceleration, S sample_time) : acceleration_(acceleration), sample_time_(sample_time) {}
 
-  /// True if the caller is to follow step() instead of the reference: since a rate below 1 was wanted.
+  /// True if the caller must use step() in place of the reference: at or since begin() a rate below 1 was
+  /// wanted.
   [[nodiscard]] bool active() const { return active_; }
-  /// Sets the wanted rate, percent, above 100: 100; before begin() that of the start.
+  /// Sets the wanted rate in percent, clamped to 100; step() approaches it. Before begin(): the rate at the
+  /// start.
   void want(unsigned percent) {
     wanted_ = percent < percent_max ? percent * (one / percent_max) : one;
     active_ = active_ || wanted_ != one;
   }
-  /// Path time 0, at the wanted rate, or where that is none at full rate. Returns the rate, 0 < rate <= 1.
+  /// Starts path time at 0 with the wanted rate, or with full rate where that is 0. Returns the rate, 0 <
+  /// rate <= 1.
   S begin() {
     delay_ = 0;
     rate_ = wanted_ > 0 ? wanted_ : one;
@@ -36,9 +39,10 @@ class PathRate {
   }
 
   /// Motion in a tick since begin(); call it once in each while active(). `lead`: ticks that the motion is
-  /// ahead of the path time. `feasible(motion)`: whether the motors can; of the full change of rate, a half,
-  /// a quarter and an eighth of it, the first that they can is made. Where they can none, the rate stays, but
-  /// for `patience` ticks at most: then the eighth is made in any case, so that a hold always ends in rest.
+  /// ahead of the path time. `feasible(motion)`: whether the motors have the torque for it. Of the full
+  /// change of rate, its half, quarter and eighth, the first feasible one is made. If none is feasible, the
+  /// rate stays, for 256 ticks at most: then the eighth is made in any case, so that a hold always ends in
+  /// rest.
   template <class Reference, class Feasible>
   Motion2<S> step(const Reference& reference, std::uint64_t tick, std::uint32_t lead,
                   const Feasible& feasible) {

@@ -10,8 +10,8 @@
 
 namespace esmc {
 
-/// Compares an angle with its prediction from the previous sample and the rate. A jump is a glitch, a slipped
-/// coupling or the frame of another sensor.
+/// Compares an angle with its prediction from the previous sample and the rate. A difference shows a glitch,
+/// a slipped coupling or the frame of another sensor.
 template <class M>
 class SampleJumpCheck {
  public:
@@ -52,27 +52,28 @@ class SampleJumpCheck {
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 
-/// Compares the torque that a drive reports, not necessarily every tick, with its command after a lag.
+/// Compares the torque that a drive reports, not necessarily every tick, with its command behind a
+/// first-order lag.
 template <class M>
 class TorqueFeedbackCheck {
  public:
   using S = typename M::Scalar;
 
   TorqueFeedbackCheck() = default;
-  /// `tolerance`: N m, 0: no check; `time`: time constant of the lag, s.
+  /// `tolerance`: N m, 0: no check; `time`: time constant of the lag, s; `sample_time`: s, > 0.
   TorqueFeedbackCheck(S tolerance, S time, S sample_time)
       : tolerance_(tolerance), share_(sample_time / (time + sample_time)) {}
   [[nodiscard]] bool compares() const { return tolerance_ > S(0); }  ///< false: plausible() is always true
 
-  /// Takes the new command at the joints, N m; call at the end of a tick.
+  /// Feeds the lag with the torques commanded in this tick, N m at the joints; call at the end of a tick.
   void commanded(const Vec<S, M::joints>& torque) {
     if (compares()) expected_ += (torque - expected_) * share_;
   }
 
   /// Forgets the deviations counted so far; call in ticks without torque, whose reports do not count.
   void forget() { off_ = {}; }
-  /// Judges the torque reported for a joint, N m; call once per tick. False: the last five reports, or more,
-  /// were off by more than the tolerance. An empty report counts neither way.
+  /// Compares the torque reported for a joint, N m; call once per tick. False: the last five reports, or
+  /// more, differed by more than the tolerance. An empty report is not counted.
   [[nodiscard]] bool plausible(int joint, const std::optional<float>& reported) {
     auto& n = off_[static_cast<unsigned>(joint)];
     if (!compares() || !reported) return true;
@@ -88,7 +89,7 @@ class TorqueFeedbackCheck {
   std::array<int, static_cast<unsigned>(M::joints)> off_{};
 };
 
-/// The zero of encoders that lose it without power: angles are valid once the zero pose is confirmed.
+/// Zero of encoders that lose it without power: their angles are valid once the zero pose is confirmed.
 template <class M>
 class ZeroPose {
  public:

@@ -8,7 +8,8 @@
 
 namespace esmc {
 
-/// In the model's convention, one entry per joint; only joints with a sensor are read.
+/// Measured angles and rates in the model's convention, one entry per joint; joints without a sensor are not
+/// used.
 template <class M>
 struct Sample {
   using S = typename M::Scalar;

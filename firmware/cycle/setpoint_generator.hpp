@@ -11,21 +11,22 @@
 
 namespace esmc {
 
-/// Mean of the last motions, one per tick: what limits each of them limits the mean, and it is a motion (its
-/// velocity is the derivative of its position). Sums begin anew with every round of the memory, so that a
-/// float does not drift.
+/// Mean of the motions of the last `length` ticks. It keeps every limit that each of them keeps, limits jerk,
+/// and its velocity is the derivative of its position. Sums begin anew with every round of the memory, so
+/// that a float does not drift.
 template <class S>
 class MovingAverage {
  public:
   static constexpr unsigned length_max = 64;  ///< ticks
 
   MovingAverage() = default;
-  /// Over `length` motions; below 2: none, above length_max: that.
+  /// `length`: ticks, clamped to 1 .. length_max; 1: no averaging.
   explicit MovingAverage(std::uint32_t length)
       : length_(length < 1 ? 1U : (length > length_max ? length_max : length)) {}
 
   [[nodiscard]] std::uint32_t length() const { return length_; }
-  /// Makes the past a motion at constant velocity, and returns where it is so that the mean is `mean` now.
+  /// Fills the memory with a motion at constant velocity whose mean is `mean` now; returns its present
+  /// position.
   Vec2<S> begin(const Vec2<S>& mean, const Vec2<S>& velocity, S sample_time) {
     const Vec2<S> step = velocity * sample_time;
     const Vec2<S> now = mean + step * (S(length_ - 1) * S(0.5));
@@ -39,7 +40,7 @@ class MovingAverage {
     end_round();
     return now;
   }
-  /// The mean with `now` as the last motion.
+  /// The mean of the memory with `now` in place of its oldest motion; changes nothing.
   [[nodiscard]] Motion2<S> with(const Motion2<S>& now) const {
     if (length_ == 1) return now;
     const Motion2<S>& gone = sums_[next_];
@@ -48,7 +49,7 @@ class MovingAverage {
             (round_.velocity - gone.velocity + sum_.velocity + now.velocity) * share,
             (round_.acceleration - gone.acceleration + sum_.acceleration + now.acceleration) * share};
   }
-  /// Makes `now` part of the past.
+  /// Adds the motion of a tick to the memory, whose oldest one is dropped.
   void add(const Motion2<S>& now) {
     if (length_ == 1) return;
     sum_.position += now.position;
@@ -71,9 +72,9 @@ class MovingAverage {
       sums_{};  // from the beginning of a round; this round's, then the last one's
 };
 
-/// Generates a motion to rest, to set points, or along a stream: in relation to its base, a profile and then
-/// the moving average. Not inlined, so that it stays out of the ticks without it and of a board's fast
-/// memory.
+/// Generates a motion to rest, to set points, or along a stream of samples: a MotionProfile through a
+/// MovingAverage, added to the last sample of a stream. Not inlined, so that it stays out of the ticks
+/// without it and of a board's fast memory.
 template <class S>
 class SetpointGenerator {
  public:
@@ -90,32 +91,33 @@ class SetpointGenerator {
         profile_(sample_time),
         average_(jerk_ticks) {}
 
-  /// True if the caller is to follow this motion instead of the reference.
+  /// True if the caller must use at() in place of the reference.
   [[nodiscard]] bool active() const { return active_; }
   void activate(bool yes) { active_ = yes; }  ///< sets active(), and nothing else
 
-  /// Plans the way to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
+  /// Plans a motion to rest from the measured state of the first tick (m and m/s, or rad and rad/s).
   [[gnu::noinline]] void start(const Vec2<S>& position, const Vec2<S>& velocity) {
     base_ = {};
     following_ = false;
     begin(position, velocity);
   }
-  /// Plans the way from the present motion to rest, straight on; ends a stream.
+  /// Plans a motion from the present one to rest on a straight line; ends a stream.
   [[gnu::noinline]] void hold() {
     leave_stream();
     const Motion2<S> now = profile_.at(ticks_);
     profile_.brake(now.position, now.velocity, acceleration_);
     ticks_ = 0;
   }
-  /// Plans the way from the present motion to rest at `target`, m or rad. The caller checks that the target
-  /// is in reach; nothing checks the way to it here.
+  /// Plans a motion from the present one to rest at `target`, m or rad; ends a stream. The caller checks that
+  /// the target is in reach; the path to it is not checked.
   [[gnu::noinline]] void go_to(const Vec2<S>& target) {
     leave_stream();
     const Motion2<S> now = profile_.at(ticks_);
     plan(now, now.position - apart(now.position, target));
   }
-  /// Follows samples (m, m/s or rad, rad/s), one per tick. The offset from the motion of the first one, of
-  /// one after a gap and of one that is farther off than speed allows in a tick fades away.
+  /// Follows a sample (m, m/s or rad, rad/s), one per tick; a missing one is extrapolated. The difference
+  /// from the present motion fades where the sample is the first, comes after a gap, or is farther off than
+  /// `speed` allows in a tick.
   [[gnu::noinline]] void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     const Vec2<S> off = position - base_.position - base_.velocity * (S(age_) * sample_time_);
     const S most = speed_ * sample_time_;

@@ -9,19 +9,19 @@
 
 namespace esmc {
 
-/// On top of the weight, motor i gets +pulse until its joint should have moved by `move`, then -pulse for as
-/// long, which ends the motion. After the first half the motion of both joints is compared with the model's,
-/// along its direction: 1/4 to 4 times are allowed, for friction and wrong masses. Two nodes swapped with
-/// angle and torque are not found on equal legs with the same `direction`.
+/// In addition to the weight torque, motor i gets +pulse until its joint should have moved by `move`, then
+/// -pulse for as long, which ends the motion. After the first half the motion of both joints is compared with
+/// the model's, along its direction: 1/4 to 4 times are allowed, for friction and wrong masses. Two nodes
+/// swapped with angle and torque are not found on equal legs with the same `direction`.
 template <class M>
 class SignTest {
  public:
   using S = typename M::Scalar;
-  static constexpr S share_max = S(0.05F);         ///< of the torque limit
+  static constexpr S share_max = S(0.05F);         ///< pulse as a share of the torque limit
   static constexpr std::uint32_t ticks_max = 200;  ///< of one half; longer: the joint cannot be tested
   static constexpr int motors = 2;
 
-  /// Result of a tick.
+  /// Result of a tick; failed: a motor does not answer as the model predicts.
   enum class Verdict : std::uint8_t { going_on, passed, failed };
 
   SignTest() = default;

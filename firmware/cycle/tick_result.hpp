@@ -10,34 +10,34 @@
 
 namespace esmc {
 
-/// Torques are zero unless `state` is testing, running, halting, holding or lowering.
+/// Output of a tick. Torques are zero unless `state` is testing, running, halting, holding or lowering.
 template <class M>
 struct TickResult {
   using S = typename M::Scalar;
   State state = State::disabled;
   Fault fault = Fault::none;
-  std::uint64_t running_tick = 0;  ///< ticks since running began; 0 in the first one
-  Truth<S> saturated{};            ///< a torque was clamped
-  bool stage_done = false;         ///< halting: at rest; lowering: let down. For the supervisor's next tick
-  Vec<S, M::joints> torque;        ///< N m at the joints, zero where there is no motor
-  Vec2<S> effector;                ///< estimate, m; zero without one
-  Vec2<S> desired_effector;        ///< m; zero, as the next two, without a desired motion
+  std::uint64_t running_tick = 0;      ///< ticks since running began; 0 in the first one
+  Truth<S> saturated{};                ///< a torque was clamped
+  bool stage_done = false;             ///< see Supervisor::begin_tick(), for its next tick
+  Vec<S, M::joints> torque;            ///< N m at the joints, zero where there is no motor
+  Vec2<S> effector;                    ///< estimate, m; zero without one
+  Vec2<S> desired_effector;            ///< m; zero, as the next two, without a desired motion
   List<Vec2<S>, 2> desired_direction;  ///< cosine and sine of the base joints
-  typename M::Channels sliding;        ///< sliding variables of the channels
+  typename M::Channels sliding;        ///< s of every channel, unit of the channel / s; zero without the law
 
   struct Unset {};
   TickResult() : TickResult(Unset{}) {
-    nothing_seen();
-    nothing_desired();
+    clear_estimate();
+    clear_desired();
     sliding.setZero();
   }
   /// Zero torque; the caller must set effector, desired_effector, desired_direction and sliding.
   explicit TickResult(Unset) {
     unroll<M::joints>([&](auto i) ESMC_INLINE { torque[i] = S(0); });
   }
-  void nothing_seen() { effector.setZero(); }  ///< there is no estimate in this tick
+  void clear_estimate() { effector.setZero(); }  ///< sets the estimate to zero: there is none in this tick
   /// Sets the desired effector and directions to zero: there is no desired motion in this tick.
-  void nothing_desired() {
+  void clear_desired() {
     desired_effector.setZero();
     for (auto& d : desired_direction.items) d.setZero();
   }

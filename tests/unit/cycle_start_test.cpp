@@ -65,9 +65,9 @@ TYPED_TEST(AtFirst, AResultIsOfADisabledTickInWhichNothingWasSeenOrDesired) {
 TYPED_TEST(AtFirst, AResultToBeSetHasNoTorqueEither) {
   OnDirt<TypeParam, typename esmc::TickResult<TypeParam>::Unset> made;
   expect_nothing(*made.result);
-  made.result->nothing_desired();
+  made.result->clear_desired();
   expect_nothing_desired(*made.result);
-  made.result->nothing_seen();
+  made.result->clear_estimate();
   EXPECT_TRUE(made.result->effector.isZero(0));
 }
 
