@@ -11,7 +11,7 @@
 /// Motor drives as the controller sees them.
 namespace esmc::drive {
 
-/// Relation between the joint (model convention) and the motor shaft.
+/// Node of a drive, and the relation between its motor shaft and the joint (model convention).
 struct AxisConfig {
   std::uint8_t node = 0;    ///< of the drive on its bus
   float direction = 1.0F;   ///< +1: the motor turns with the joint angle of the model, -1: against it
@@ -34,14 +34,15 @@ struct JointSample {
   S rate{};   ///< rad/s
 };
 
-/// Age of an event that has not occurred.
+/// Age, in ticks, of an event that has not occurred.
 inline constexpr std::uint32_t age_max = 0xFFFF'FFFF;
 
-/// N m at the shaft, more than any motor has: beyond it the gear ratio must be wrong.
+/// Largest shaft torque that is sent, N m: more than any motor has, so that beyond it the gear ratio is
+/// wrong.
 inline constexpr float shaft_torque_max = 1e4F;
 
 /// Torque at the motor shaft (N m, positive as the motor counts) of a torque at the joint (N m, model
-/// convention). A NaN stays one, an overflow is infinite; whether it may be sent: can_carry().
+/// convention). A NaN stays NaN, an overflow is infinite: see can_carry().
 template <class S>
 [[nodiscard]] constexpr float shaft_torque(const AxisConfig& c, S joint_torque) {
   return static_cast<float>(joint_torque) * c.direction / c.gear_ratio;
@@ -51,15 +52,16 @@ template <class S>
 
 /// Frames that a protocol sends once per bus instead of per axis: none for most protocols.
 struct NoLine {
-  /// Would request the samples of the next tick; these drives send them unasked, so nothing is sent.
+  /// Requests samples; sends nothing, because these drives send them without a request.
   template <class Send>
   void request(Send&&) {}
-  /// Would send the frames of the tick that belong to no axis; there are none. Flag: there is no fault.
+  /// Sends the frames of the tick that belong to no axis: none. `good`: the controller has no fault.
   template <class Send>
   void end_tick(Send&&, bool /*good*/) {}
 };
 
-/// One axis as the cycle sees it. No call blocks; `send` returns whether the bus took the frame.
+/// One axis of the cycle: a motor's drive, or a passive encoder. No call blocks; `send(frame)` returns
+/// whether the bus took the frame.
 ///
 ///   add_filters    adds the identifiers that receive() takes or judges; never changes
 ///   begin_tick     counts the ages; once per tick, before the frames of the tick are received
@@ -78,19 +80,19 @@ concept Drive = requires(D& d, const D& c, const hal::CanFrame& f, hal::CanFrame
   { c.sample_age_ticks() } -> std::same_as<std::uint32_t>;     ///< 0: of this tick; age_max before the first
   { c.brought_sample() } -> std::same_as<bool>;                ///< the last accepted frame completed a sample
   { c.heartbeat_age_ticks() } -> std::same_as<std::uint32_t>;  ///< 0: of this tick; age_max before the first
-  { c.ready() } -> std::same_as<bool>;                ///< torque control confirmed twice, without error
-  { c.idle() } -> std::same_as<bool>;                 ///< no torque, as far as is known
-  { c.alive() } -> std::same_as<bool>;                ///< the axis has sent a frame of its own
-  { c.error() } -> std::same_as<bool>;                ///< the drive reports one
-  { c.error_code() } -> std::same_as<std::uint32_t>;  ///< of the drive's protocol
+  { c.ready() } -> std::same_as<bool>;  ///< torque control confirmed in two ticks, without error
+  { c.idle() } -> std::same_as<bool>;   ///< no torque, as far as the protocol can confirm
+  { c.alive() } -> std::same_as<bool>;  ///< the axis has sent a frame of its own
+  { c.error() } -> std::same_as<bool>;  ///< the drive reports an error
+  { c.error_code() } -> std::same_as<std::uint32_t>;  ///< in the codes of the protocol; 0: none
   { c.closed_loop() } -> std::same_as<bool>;          ///< the drive reports torque control
-  { c.must_be_released() } -> std::same_as<bool>;     ///< asked into torque control, not seen idle since
-  { c.emergency_stopped() } -> std::same_as<bool>;    ///< seen or reported, not acknowledged since
+  { c.must_be_released() } -> std::same_as<bool>;     ///< torque control was requested, and not idle() since
+  { c.emergency_stopped() } -> std::same_as<bool>;    ///< on the bus or reported, not acknowledged since
   { c.config_mismatch() } -> std::same_as<bool>;      ///< a value read back is not the configured one
   { c.tx_suspended() } -> std::same_as<bool>;         ///< nothing may be sent: its watchdog is being tested
-  { c.setting_up() } -> std::same_as<bool>;           ///< in a set-up that ends by itself
-  d.acknowledge();                                    ///< the operator's reset of an emergency stop
-  d.ask_again();                                      ///< repeat the last request at the next enable()
+  { c.setting_up() } -> std::same_as<bool>;           ///< in a set-up of limited duration
+  d.acknowledge();                                    ///< resets emergency_stopped(), for the operator
+  d.ask_again();                                      ///< makes the next enable() repeat the last request
   d.enable(send);
   d.disable(send);
   { c.can_carry(torque) } -> std::same_as<bool>;  ///< monotonic in abs(torque), constant over time

@@ -13,7 +13,7 @@ namespace esmc::drive::canopen {
 
 inline constexpr std::uint8_t node_max = 127;  ///< nodes are 1..127; 0 addresses all in network management
 
-/// Identifiers without the node.
+/// Function codes: CAN identifier = code + node (1..127); id_nmt and id_sync stand alone.
 inline constexpr std::uint32_t id_nmt = 0x000, id_sync = 0x080, id_emergency = 0x080;
 inline constexpr std::uint32_t id_tpdo1 = 0x180, id_rpdo1 = 0x200, id_tpdo2 = 0x280, id_rpdo2 = 0x300;
 inline constexpr std::uint32_t id_tpdo3 = 0x380, id_rpdo3 = 0x400, id_tpdo4 = 0x480, id_rpdo4 = 0x500;
@@ -47,6 +47,7 @@ struct Object {
   friend constexpr bool operator==(const Object&, const Object&) = default;
 };
 
+/// SDO abort codes (CiA 301).
 inline constexpr std::uint32_t abort_time_out = 0x0504'0000, abort_command = 0x0504'0001,
                                abort_read_only = 0x0601'0002, abort_no_object = 0x0602'0000,
                                abort_not_mappable = 0x0604'0041, abort_pdo_length = 0x0604'0042,
@@ -122,6 +123,7 @@ struct Emergency {
 // ---- SDO, expedited: up to four bytes in one frame
 
 namespace detail {
+/// SDO frame of 8 bytes: command byte `specifier`, object, four bytes 0. `id`: with the node.
 [[nodiscard]] constexpr hal::CanFrame sdo(std::uint32_t id, std::uint8_t specifier, Object o) {
   hal::CanFrame f = hal::data_frame(id, 8);
   f.data[0] = specifier;
@@ -138,6 +140,7 @@ namespace detail {
   return (specifier & 0x01U) == 0 ? std::uint8_t{0}
                                   : static_cast<std::uint8_t>(4U - ((specifier >> 2U) & 3U));
 }
+/// Object that an SDO frame names. The caller checks the size.
 [[nodiscard]] constexpr Object object_of(const hal::CanFrame& f) {
   return {static_cast<std::uint16_t>(get_field(f, 1, 2)), f.data[3]};
 }
@@ -190,6 +193,7 @@ struct Sdo {
 };
 
 namespace detail {
+/// Expedited SDO of this kind with its value; all four bytes where no size is indicated.
 [[nodiscard]] constexpr Sdo transfer(const hal::CanFrame& f, SdoKind kind) {
   const std::uint8_t size = size_of(f.data[0]);
   return {kind, object_of(f), get_field(f, 4, size == 0 ? 4 : size), size};

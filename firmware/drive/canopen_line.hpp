@@ -7,7 +7,7 @@
 
 namespace esmc::drive {
 
-/// SYNC and the heartbeat of the controller.
+/// Sender of SYNC and of the heartbeat of the controller, once per bus; `send`: as for Drive.
 class CanopenLine {
  public:
   CanopenLine() = default;
@@ -20,7 +20,8 @@ class CanopenLine {
   void request(Send&& send) {
     send(canopen::encode_sync());
   }
-  /// Once per tick: sends the heartbeat when due, but only if `good`: drives that miss it stop by themselves.
+  /// Sends the heartbeat when due, only if `good` (no fault): drives stop by themselves without it. Once per
+  /// tick.
   template <class Send>
   void end_tick(Send&& send, bool good) {
     if (wait_ticks_ > 0) --wait_ticks_;

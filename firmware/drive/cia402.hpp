@@ -94,6 +94,7 @@ enum class State : std::uint8_t {
          s == State::fault;
 }
 
+/// Controlwords (6040).
 inline constexpr std::uint16_t control_disable_voltage = 0x00, control_quick_stop = 0x02,
                                control_shutdown = 0x06, control_switch_on = 0x07,
                                control_enable_operation = 0x0F,
@@ -112,10 +113,10 @@ struct Report {
   std::int32_t position;  ///< counts
   std::int16_t torque;    ///< 1/1000 of the rated torque
 };
-/// TPDO2: velocity, and the mode: a drive that leaves torque control is noticed at once.
+/// TPDO2: velocity, and the mode, which shows at once that a drive has left torque control.
 struct Motion {
   std::int32_t velocity;  ///< unit of the drive
-  std::int8_t mode;
+  std::int8_t mode;       ///< object 6061
 };
 
 /// Writes RPDO1 of a node into f, a classic data frame already: only identifier, size and data change.

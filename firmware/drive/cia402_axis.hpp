@@ -12,7 +12,8 @@
 
 namespace esmc::drive {
 
-/// One motor behind CiA 402. Satisfies Drive.
+/// One motor with a CiA 402 drive in cyclic synchronous torque mode. Satisfies Drive, which explains members
+/// without a comment.
 class Cia402Axis {
  public:
   using Line = CanopenLine;
@@ -36,7 +37,7 @@ class Cia402Axis {
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
   }
 
-  /// Call when SYNC is sent: PDOs received so far belong to an earlier SYNC and count no more. `in_tick`:
+  /// Drops the PDOs received so far, which belong to an earlier SYNC; call when SYNC is sent. `in_tick`:
   /// begin_tick() was called for the tick that this SYNC opens, so a sample received since is a tick old.
   void expect_set(bool in_tick) {
     has_report_ = has_motion_ = reported_ = false;
@@ -50,7 +51,7 @@ class Cia402Axis {
          {canopen::id_nmt, canopen::id_sync, canopen::id_heartbeat + settings_.master_node})
       list.add({id, 0x7FF, false});
   }
-  /// Takes a frame of the drive. Changes nothing unless the result is `accepted`.
+  /// Judges a frame and takes it if it is of the drive. Changes nothing unless the result is `accepted`.
   Received receive(const hal::CanFrame& f) {
     const bool before = std::exchange(sampled_, false);
     const Received r = sort(f);
@@ -61,7 +62,7 @@ class Cia402Axis {
   /// True if both PDOs of the tick have come, or a heartbeat of a drive that is not operational.
   [[nodiscard]] bool heard_this_tick() const { return reported_ || (has_report_ && has_motion_); }
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
-  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame completed one
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
   /// Joint angle (rad) and rate (rad/s) of the last pair of PDOs, model convention; see sample_age_ticks().
@@ -87,13 +88,13 @@ class Cia402Axis {
   /// stopped drive; that option does not apply in pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< enabled, and not idle() since
-  [[nodiscard]] bool alive() const { return alive_; }  ///< heartbeat, EMCY or SDO has come
+  [[nodiscard]] bool alive() const { return alive_; }  ///< a heartbeat, EMCY or SDO reply was received
   /// False: CiA 402 has no message for it; the drive's own input shows as a fault or a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }
   /// False: the drive's watchdog is our heartbeat, whose time-out is read back instead of tested.
   [[nodiscard]] bool tx_suspended() const { return false; }
-  /// True in the set-up by SDO, NMT start, or between `ready to switch on` and torque control: brakes and so
-  /// on take time. A second attempt counts only if the first left `switch on disabled`, as without power.
+  /// True in the set-up by SDO, NMT start, or between `ready to switch on` and torque control: brakes take
+  /// time. A second attempt counts only if the first left `switch on disabled`, as without power.
   [[nodiscard]] bool setting_up() const {
     const bool on_its_way = step_ == Step::operate && (control_ == cia402::control_switch_on ||
                                                        control_ == cia402::control_enable_operation);
@@ -111,13 +112,14 @@ class Cia402Axis {
   }
   /// True once a value read back is not the required one; cleared by disable() or a tick without enable().
   [[nodiscard]] bool config_mismatch() const { return configurator_.config_mismatch(); }
-  /// The object of the last mismatch, until the set-up starts anew; empty: none.
+  /// The object whose value was not the required one or was refused, last; empty: none since the set-up
+  /// began.
   [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
     return configurator_.refused();
   }
   /// True if the drive has no object 6072, so that its torque limit was not read back; until the next set-up.
   [[nodiscard]] bool torque_limit_unread() const { return configurator_.limit_unread(); }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
   /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return configurator_.torque_lsb(); }
 

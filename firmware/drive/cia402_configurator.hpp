@@ -8,24 +8,24 @@
 
 namespace esmc::drive {
 
-/// Position in cia402::setup and the request in flight.
+/// Carries out cia402::setup on one drive: the present entry and the request that waits for its answer.
 class Cia402Configurator {
  public:
-  /// Returns to the first entry and forgets refused(); a mismatch stays.
+  /// Starts with the first entry and clears refused(); config_mismatch() stays.
   void begin() {
     entry_ = 0;
     refused_.reset();
     limit_unread_ = false;
     begin_transfer(false);
   }
-  void clear_mismatch() { config_mismatch_ = false; }  ///< refused() stays until begin()
+  void clear_mismatch() { config_mismatch_ = false; }  ///< clears config_mismatch(); refused() stays
 
   [[nodiscard]] bool in_flight() const { return in_flight_; }  ///< a request waits for its answer
   /// True if the request in flight was sent four times without an answer.
   [[nodiscard]] bool exhausted() const { return sent_ > repetitions_max; }
   /// True once a value read back was not the required one or the drive refused; until clear_mismatch().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The object of the last mismatch, until begin().
+  /// The object whose value was not the required one or was refused, last; empty: none since begin().
   [[nodiscard]] std::optional<canopen::Object> refused() const { return refused_; }
   /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }
@@ -36,7 +36,7 @@ class Cia402Configurator {
   [[nodiscard]] bool limit_unread() const { return limit_unread_; }
 
   /// Sends the read or write of the present entry, again if it is in flight. False: the bus did not take it,
-  /// nothing has changed. The caller does not call it after the last entry is complete.
+  /// nothing has changed. Not to be called after the last entry is complete.
   template <class Send>
   bool request(Send&& send, const Cia402Settings& settings, std::uint8_t node) {
     const cia402::Entry& e = cia402::setup[entry_];

@@ -57,9 +57,9 @@ enum class Task : std::uint8_t {
   verify,    ///< write, read back, compare under the mask
   expect,    ///< read, compare under the mask
   rated,     ///< read the rated torque: the scale of all torques
-  at_least,  ///< read the max torque: must allow torque_limit; where it is absent, nothing says so
+  at_least,  ///< read the max torque: must allow torque_limit; not checked where it is absent
 };
-/// Source of a value.
+/// Source of the value of an entry: itself, or a field of Cia402Settings.
 enum class Source : std::uint8_t {
   constant,
   plus_node,  ///< constant + node of the drive

@@ -33,7 +33,8 @@ enum class Dialect : std::uint8_t {
   cubemars_v3,   ///< of the driver board V3, see above
 };
 
-/// Half widths: -range to +range. Set in the drive, never read back; a wrong one scales every number.
+/// Ranges of position, speed and torque: codes stand for -range .. +range. They must equal those set in the
+/// drive, which cannot be read back; a wrong one scales every number.
 struct Ranges {
   float position = 12.5F;  ///< rad
   float velocity = 50.0F;  ///< rad/s
@@ -55,7 +56,7 @@ struct Reply {
   std::uint16_t position = middle_16, velocity = middle_12;
   std::uint16_t torque = middle_12;
   std::uint8_t error = 0;    ///< error code of the drive; 0 where the reply has none
-  bool whole_torque = true;  ///< false: none, or without its low eight bits (5 bytes)
+  bool whole_torque = true;  ///< false: no torque, or without its low eight bits (5 bytes)
 };
 
 /// Code nearest to `value`: codes 0..code_max stand for -range..range, in the unit of `value`, and beyond is
@@ -91,7 +92,7 @@ constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& 
   f.data[6] = static_cast<std::uint8_t>(c.kd << 4U | c.torque >> 8U);
   f.data[7] = static_cast<std::uint8_t>(c.torque);
 }
-/// Same for any dialect; `node` of cubemars_v3: 8 bits. Its bits in its order, cut at the others' fields.
+/// Writes a command of any dialect into f, otherwise as above; `node` of cubemars_v3: 8 bits.
 constexpr void put_command(hal::CanFrame& f, std::uint32_t node, const Command& c, Dialect d) {
   if (d != Dialect::cubemars_v3) return put_command(f, node, c);
   put_command(f, v3_command | node,

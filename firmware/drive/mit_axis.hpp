@@ -19,7 +19,7 @@
 
 namespace esmc::drive {
 
-/// One motor in MIT mode. Satisfies Drive.
+/// One motor with a drive in MIT mode. Satisfies Drive, which explains members without a comment.
 class MitAxis {
  public:
   using Dialect = mit::Dialect;
@@ -34,7 +34,7 @@ class MitAxis {
     float velocity_unit = 0.0F;       ///< cubemars_v3: rad/s at the output for 10 electrical rpm
   };
 
-  /// error_code(): the drive's own error in the low eight bits, and errors found in its reply.
+  /// Bits of error_code() beside the drive's own error, which has the low eight.
   static constexpr std::uint32_t position_at_rail = 0x100;  ///< first or last code: shaft beyond the range
   static constexpr std::uint32_t velocity_at_rail = 0x200;  ///< first or last code: speed beyond the range
   /// The position moved by more than half of its span between two replies: firmware without a clamp has
@@ -73,9 +73,9 @@ class MitAxis {
     if (age_ticks_ < age_max) ++age_ticks_;
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply came
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply was received
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
-  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply does
+  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply is one
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
 
   /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention.
@@ -107,17 +107,16 @@ class MitAxis {
   /// True if the bus took the frame that leaves motor mode, and replies came in two ticks since.
   [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< entered, and not idle() since
-  [[nodiscard]] bool alive() const { return alive_; }       ///< a reply has come since the start
-  [[nodiscard]] bool error() const { return error_ != 0; }  ///< of the drive, or found in its replies
+  [[nodiscard]] bool alive() const { return alive_; }                ///< a reply has come since the start
+  [[nodiscard]] bool error() const { return error_ != 0; }           ///< error_code() is not 0
   [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; low byte: the drive's own
   /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
-  // The protocol has no emergency stop, no report of a time-out, no set-up and nothing to read back.
   [[nodiscard]] bool emergency_stopped() const { return false; }  ///< the protocol has none
-  [[nodiscard]] bool tx_suspended() const { return false; }
-  [[nodiscard]] bool setting_up() const { return false; }
-  void acknowledge() {}
-  [[nodiscard]] bool config_mismatch() const { return false; }  ///< nothing can be read back
+  [[nodiscard]] bool tx_suspended() const { return false; }       ///< its watchdog is not tested
+  [[nodiscard]] bool setting_up() const { return false; }         ///< there is no set-up
+  void acknowledge() {}                                           ///< no emergency stop to reset
+  [[nodiscard]] bool config_mismatch() const { return false; }    ///< nothing can be read back
 
   /// Sends frames towards motor mode; call every tick while enabling, before put_torque(0).
   ///
@@ -143,7 +142,7 @@ class MitAxis {
     if (step_ == Step::unknown && (alive_ || due)) leave(send);
   }
 
-  void ask_again() { wait_ticks_ = 0; }  ///< the next enable() goes on or starts over at once
+  void ask_again() { wait_ticks_ = 0; }  ///< the next enable() does not wait any longer
 
   /// Sends frames that end motor mode, from the second call on: a drive keeps its last command, so the zero
   /// command of the first tick must reach it before. Call every tick until idle().

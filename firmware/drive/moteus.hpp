@@ -20,9 +20,9 @@
 /// mjbots moteus on the wire.
 namespace esmc::drive::moteus {
 
-/// Of a subframe.
+/// Kinds of subframe.
 enum class Kind : std::uint8_t { write, read, reply, error };
-/// Of the values of a subframe.
+/// Types of the values of a subframe: integers of 8, 16, 32 bits, binary32.
 enum class Type : std::uint8_t { i8, i16, i32, f32 };
 
 /// Registers, in turns, N m and seconds at the drive's output where they are no plain numbers.
@@ -57,12 +57,13 @@ inline constexpr std::uint8_t no_operation = 0x50;
 inline constexpr std::uint32_t reply_wanted = 0x8000;
 inline constexpr float i16_torque = 0.01F, i16_time = 0.001F;  ///< N m and s of an i16
 
-/// Bytes of a value.
+/// Number of bytes of a value.
 [[nodiscard]] constexpr std::uint8_t width(Type t) {
   return t == Type::f32 ? 4 : static_cast<std::uint8_t>(1U << static_cast<unsigned>(t));
 }
 
-/// Unit of an integer in a register; 1 for plain numbers and f32.
+/// Value of one step of an integer in register `name` (turns, turns/s, N m, s or 1); 1 for plain numbers and
+/// f32.
 [[nodiscard]] constexpr float unit(std::uint32_t name, Type t) {
   constexpr float units[][3] = {{1e-2F, 1e-4F, 1e-5F},    // turns
                                 {1e-1F, 2.5e-4F, 1e-5F},  // turns/s
@@ -86,7 +87,7 @@ inline constexpr float i16_torque = 0.01F, i16_time = 0.001F;  ///< N m and s of
   return static_cast<float>(number) * unit(name, t);
 }
 
-/// One subframe as read.
+/// One subframe as Subframes reads it.
 struct Subframe {
   Kind kind = Kind::read;
   Type type = Type::i8;
@@ -95,13 +96,13 @@ struct Subframe {
   std::uint8_t at = 0;      ///< data byte of the first value
 };
 
-/// Takes the subframes of a frame in order, whatever its bytes are. The frame must outlive it.
+/// Reads the subframes of a frame in order; any bytes are safe. The frame must outlive this object.
 class Subframes {
  public:
   explicit constexpr Subframes(const hal::CanFrame& f)
       : f_(&f), size_(f.size < hal::can_fd_size_max ? f.size : hal::can_fd_size_max) {}
 
-  /// Reads the next one. False: there is none, or what follows is malformed().
+  /// Reads the next subframe. False: there is none, or the rest is malformed().
   [[nodiscard]] constexpr bool next(Subframe& s) {
     while (at_ < size_ && f_->data[at_] == no_operation) ++at_;
     if (at_ == size_ || malformed_) return false;
@@ -112,7 +113,7 @@ class Subframes {
     malformed_ = code > 0x31 || !rest(s);
     return !malformed_;
   }
-  [[nodiscard]] constexpr bool malformed() const { return malformed_; }  ///< latched
+  [[nodiscard]] constexpr bool malformed() const { return malformed_; }  ///< a subframe was; latched
 
  private:
   constexpr bool rest(Subframe& s) {
@@ -164,8 +165,9 @@ class Builder {
   }
   /// Appends a value: the low bytes of an integer.
   constexpr void value(Type t, std::int32_t v) { field(static_cast<std::uint32_t>(v), width(t)); }
+  /// Appends a value of type f32.
   constexpr void value(float v) { field(std::bit_cast<std::uint32_t>(v), 4); }
-  /// Appends that reading or writing register `name`, below 4000h, is refused.
+  /// Appends an error subframe: reading or writing register `name`, below 4000h, is refused with `number`.
   constexpr void error(bool read, std::uint32_t name, std::uint32_t number) {
     byte(read ? 0x31 : 0x30);
     unsigned_number(name);
@@ -250,12 +252,12 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque, Lim
   b.pad();
 }
 
-/// What a drive replies. NaN: not in the reply, or for position and velocity, not known to the drive.
+/// Values in a reply. NaN: not in the reply, or for position and velocity, not known to the drive.
 struct Reply {
   static constexpr float none = std::numeric_limits<float>::quiet_NaN();
-  float position = none, velocity = none, torque = none;  ///< turns, turns/s, N m at the output
-  float mode = none, fault = none;                        ///< whole, 0 to 255
-  float version = none, home = none, max_torque = none, time = none;
+  float position = none, velocity = none, torque = none;              ///< turns, turns/s, N m at the output
+  float mode = none, fault = none;                                    ///< whole, 0 to 255
+  float version = none, home = none, max_torque = none, time = none;  ///< -, -, N m, s: see reg
   std::uint32_t refused = no_register;  ///< the last register with an error subframe
 };
 

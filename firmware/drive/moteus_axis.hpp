@@ -18,7 +18,7 @@
 
 namespace esmc::drive {
 
-/// One motor behind a moteus. Satisfies Drive.
+/// One motor with a moteus. Satisfies Drive, which explains members without a comment.
 class MoteusAxis {
  public:
   using Line = NoLine;
@@ -31,7 +31,7 @@ class MoteusAxis {
     std::uint32_t retry_ticks = 150;  ///< time allowed for torque control before the sequence restarts, > 2
   };
 
-  /// error_code(): the drive's fault (32 on), or its mode where that is no fault code.
+  /// Value of error_code() after a time-out of the drive's watchdog.
   static constexpr std::uint32_t timed_out = moteus::mode_timeout;
 
   MoteusAxis() = default;
@@ -69,9 +69,9 @@ class MoteusAxis {
     if (age_ticks_ < age_max) ++age_ticks_;
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply came
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply was received
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
-  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply does
+  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply is one
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
 
   /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention; NaN where
@@ -92,33 +92,35 @@ class MoteusAxis {
   /// True if replies of two ticks since the last request to stop reported the drive stopped.
   [[nodiscard]] bool idle() const { return !wanted_ && replies_ >= replies_wanted; }
   [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< wanted, and not idle() since
-  [[nodiscard]] bool alive() const { return alive_; }                       ///< a reply has come
+  [[nodiscard]] bool alive() const { return alive_; }            ///< a reply was received since the start
   [[nodiscard]] bool error() const { return error_code_ != 0; }  ///< a fault, or its watchdog has expired
+  /// The drive's fault (32 and above), its mode where that is no fault code, or timed_out; 0: none.
   [[nodiscard]] std::uint32_t error_code() const { return error_code_; }
   /// The last error_code() that was not 0, which a stop does not clear.
   [[nodiscard]] std::uint32_t last_error() const { return last_error_; }
+  /// True if the last reply reports position mode, which carries the torque.
   [[nodiscard]] bool closed_loop() const { return reports(moteus::mode_position); }
   /// True if a value read back is not the required one, or the drive refuses a register; cleared by
   /// disable().
   [[nodiscard]] bool config_mismatch() const { return mismatch_; }
-  /// The register of the last mismatch, which disable() keeps; moteus::no_register: none.
+  /// The register whose value was not the required one or was refused, last; moteus::no_register: none yet.
   [[nodiscard]] std::uint32_t refused_register() const { return refused_; }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }
-  // The protocol has no emergency stop and no set-up.
-  [[nodiscard]] bool emergency_stopped() const { return false; }
-  [[nodiscard]] bool tx_suspended() const { return false; }
-  [[nodiscard]] bool setting_up() const { return false; }
-  void acknowledge() {}
-  /// The next enable() wakes a drive that has never been heard; otherwise every tick repeats the request.
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
+  [[nodiscard]] bool emergency_stopped() const { return false; }    ///< the protocol has none
+  [[nodiscard]] bool tx_suspended() const { return false; }         ///< its watchdog is not tested
+  [[nodiscard]] bool setting_up() const { return false; }           ///< there is no set-up
+  void acknowledge() {}                                             ///< no emergency stop to reset
+  /// Makes the next enable() query a drive that has sent no frame yet. Others get a request every tick
+  /// anyway.
   void ask_again() {
     if (!alive_) wait_ticks_ = 0;
   }
 
-  /// Decides on torque control; call every tick while enabling, before put_torque(0).
+  /// Moves towards torque control; call every tick while enabling, before put_torque(0).
   ///
   ///   stopped in two ticks, without mismatch  ->  torque control and limits in two ticks: ready()
   ///
-  /// Without progress the sequence restarts after retry_ticks; as often a silent drive is asked for a reply.
+  /// Without progress the sequence restarts after retry_ticks; a silent drive gets a query as often.
   template <class Send>
   void enable(Send&& send) {
     if (ready() || config_mismatch()) return;
@@ -139,7 +141,7 @@ class MoteusAxis {
       wait_ticks_ = retry_ticks_;
     }
   }
-  /// Lets every following frame stop the drive; until idle(). Sends nothing.
+  /// Makes every following frame of put_torque() a stop; call every tick until idle(). Sends nothing itself.
   template <class Send>
   void disable(Send&&) {
     mismatch_ = false;

@@ -71,6 +71,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 }
 }  // namespace detail
 
+/// Request for an axis state.
 [[nodiscard]] constexpr hal::CanFrame encode_set_axis_state(std::uint8_t node, AxisState s) {
   hal::CanFrame f = detail::frame(node, Message::set_axis_state, 8);
   detail::put_u32(f, 0, static_cast<std::uint32_t>(s));
@@ -83,6 +84,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
   detail::put_u32(f, 4, input_mode_passthrough);
   return f;
 }
+/// Request to clear the errors of the axis; v0_5_6: of both axes of its board.
 [[nodiscard]] constexpr hal::CanFrame encode_clear_errors(std::uint8_t node, Version v) {
   return detail::frame(node, Message::clear_errors, v == Version::v0_6 ? 1 : 0);  // 0.6: identify = 0
 }
@@ -103,7 +105,7 @@ constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque) {
   put_torque(f, node, torque);
   return f;
 }
-/// Report of an emulated drive; neither NaN nor range is checked.
+/// Encoder report of an emulated drive: motor turns, turns per second. Neither NaN nor range is checked.
 [[nodiscard]] constexpr hal::CanFrame encode_encoder_estimates(std::uint8_t node, float position_rev,
                                                                float velocity_rev_s) {
   hal::CanFrame f = detail::frame(node, Message::encoder_estimates, 8);
@@ -169,12 +171,12 @@ struct Torques {
 [[nodiscard]] constexpr bool has_at_least(const hal::CanFrame& f, std::uint8_t size) {
   return f.size >= size && !f.remote && !f.fd;
 }
-/// Torque that a command asks of an emulated drive: N m at the shaft, any float; empty unless has_at_least.
+/// Torque in a command to an emulated drive: N m at the shaft, any float; empty unless has_at_least(f, 4).
 [[nodiscard]] constexpr std::optional<float> decode_torque(const hal::CanFrame& f) {
   if (!has_at_least(f, 4)) return std::nullopt;
   return std::bit_cast<float>(detail::get_u32(f, 0));
 }
-/// AxisState that a command asks of an emulated drive, any number; empty unless has_at_least(f, 4).
+/// AxisState that a command to an emulated drive requests, any number; empty unless has_at_least(f, 4).
 [[nodiscard]] constexpr std::optional<std::uint32_t> decode_axis_state_request(const hal::CanFrame& f) {
   if (!has_at_least(f, 4)) return std::nullopt;
   return detail::get_u32(f, 0);
@@ -192,7 +194,7 @@ struct ControllerMode {
 /// Types of the endpoints that are read.
 enum class ValueType : std::uint8_t { u8, u32, f32 };  ///< booleans are u8
 
-/// Remote frame by which a drive is asked for its version (0.6).
+/// Remote frame that requests the version of a drive (0.6).
 [[nodiscard]] constexpr hal::CanFrame encode_version_request(std::uint8_t node) {
   hal::CanFrame f = detail::frame(node, Message::get_version, 8);
   f.remote = true;

@@ -11,7 +11,7 @@
 
 namespace esmc::drive {
 
-/// One motor behind an ODrive. Satisfies Drive.
+/// One motor of an ODrive. Satisfies Drive, which explains members without a comment.
 class OdriveAxis {
  public:
   using Version = odrive::Version;
@@ -27,8 +27,8 @@ class OdriveAxis {
         retry_ticks_(retry_ticks),
         silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
-  /// Tests the watchdog before the axis is first ready, and after a possible restart: without frames, at zero
-  /// torque, it must expire within `ticks`. 0: no test.
+  /// Requires a test of the watchdog before the axis is first ready, and after a possible restart: without
+  /// frames, at zero torque, it must expire within `ticks`. 0 (default): no test.
   void prove_watchdog(std::uint32_t ticks) { watchdog_ticks_max_ = ticks; }
   /// Sets the silence, in ticks, after which the axis may have restarted: read-back and watchdog test are
   /// then repeated. Default and upper limit: `retry_ticks`.
@@ -57,9 +57,9 @@ class OdriveAxis {
       fall_silent();
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return reported_; }  ///< an encoder report came
+  [[nodiscard]] bool heard_this_tick() const { return reported_; }  ///< an encoder report was received
   [[nodiscard]] std::uint32_t sample_age_ticks() const { return sample_age_ticks_; }  ///< 0: this tick
-  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame did
+  [[nodiscard]] bool brought_sample() const { return sampled_; }  ///< the last accepted frame was one
   [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return heartbeat_age_ticks_; }  ///< 0: this tick
 
   /// Joint angle (rad) and rate (rad/s) of the last sample, model convention; see sample_age_ticks().
@@ -93,7 +93,7 @@ class OdriveAxis {
   }
   /// True from a request for closed-loop control until idle().
   [[nodiscard]] bool must_be_released() const { return release_pending_; }
-  /// True once a heartbeat or an encoder report has come.
+  /// True once a heartbeat or an encoder report was received.
   [[nodiscard]] bool alive() const { return alive_; }
   /// True while the watchdog is tested: the caller must send nothing to the axis.
   [[nodiscard]] bool tx_suspended() const { return step_ == Step::test_watchdog; }
@@ -103,7 +103,8 @@ class OdriveAxis {
   }
   /// True if an emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// Resets an emergency stop for the operator: its report may be cleared once; a newer one stops again.
+  /// Resets emergency_stopped() for the operator. The drive's present report of it may be cleared once; a
+  /// newer one stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
@@ -120,14 +121,15 @@ class OdriveAxis {
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }
-  /// The endpoint of the last mismatch; OdriveReadBack::version_endpoint: the version; empty: none.
+  /// The endpoint whose value was not allowed or not answered, last; OdriveReadBack::version_endpoint: the
+  /// version; empty: none.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
 
-  /// For the next enable(): whether the errors of all axes are `known`, and reported in this tick or the last
-  /// one (`fresh`). Firmware 0.5.6 clears both axes of a board: not before they are known, for an emergency
-  /// stop of the other one would go unseen, and not before they are fresh, unless they never are. Axes of
-  /// two boards report out of step for good: after postponed_max reports it is enough that they are known.
+  /// Tells the next enable() whether the errors of all axes are `known`, and reported in this tick or the
+  /// last one (`fresh`). Only then it clears errors: firmware 0.5.6 clears both axes of a board, and an
+  /// emergency stop of the other axis would be lost. Axes of two boards may never be fresh together: after 15
+  /// reports `known` is enough. No effect with firmware 0.6.
   void know_errors(bool known, bool fresh) {
     known_ = known || version_ == Version::v0_6;
     fresh_ = fresh || version_ == Version::v0_6;
@@ -157,13 +159,14 @@ class OdriveAxis {
     if (step_ == Step::configure && (alive_ || due)) configure(send);
   }
 
-  /// Repeats the last request, which the drive cannot have heard, at the next enable().
+  /// Makes the next enable() repeat the last request at once: the drive was not on the bus to receive it.
   void ask_again() {
     wait_ticks_ = 0;
     patient_ = false;
   }
 
-  /// Requests idle; every tick until idle(). Clears config_mismatch(): the next enable() reads back anew.
+  /// Sends the request for idle; call every tick until idle(). Clears config_mismatch(): the next enable()
+  /// reads back anew.
   template <class Send>
   void disable(Send&& send) {
     confirmations_ = 0;

@@ -18,7 +18,7 @@ struct OdriveCheck {
   float lower = 0.0F, upper = 0.0F;  ///< both allowed; a NaN is not
 };
 
-/// The required configuration of a drive.
+/// The required configuration of a drive; empty: nothing is read back.
 struct OdriveTable {
   static constexpr std::uint8_t checks_max = 12;
   std::array<OdriveCheck, checks_max> checks{};
@@ -27,32 +27,35 @@ struct OdriveTable {
   std::array<std::uint8_t, 3> firmware{};  ///< major, minor, revision
 };
 
-/// Asks for the entries of a table one by one and compares the answers.
+/// Reads the entries of a table one by one and compares the answers. A question is the request of one entry;
+/// the version, where it is checked, comes first.
 class OdriveReadBack {
  public:
-  static constexpr std::uint32_t patience_ticks = 25;  ///< for an answer, before the question is repeated
-  static constexpr std::uint8_t attempts = 4;
+  static constexpr std::uint32_t patience_ticks = 25;  ///< from a question to its repetition
+  static constexpr std::uint8_t attempts = 4;          ///< times that a question is sent
 
   OdriveReadBack() = default;
   explicit OdriveReadBack(const OdriveTable& table) : table_(table) {}
 
-  /// True if every value was answered and is allowed; at once with an empty table.
+  /// True if every value was answered and is allowed; always with an empty table.
   [[nodiscard]] bool done() const { return next_ == questions(); }
   /// True once a value was not allowed, or not answered after four attempts; until restart().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The endpoint of the last mismatch, until ask() sends the next question; empty: none.
+  /// The endpoint whose value was not allowed or not answered, until ask() sends the next question; empty:
+  /// none.
   [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
   static constexpr std::uint16_t version_endpoint = 0xFFFF;  ///< stands for the version
 
-  /// Forgets all answers and a mismatch: the next ask() sends the first question.
+  /// Clears all answers and config_mismatch(): the next ask() sends the first question.
   void restart() {
     next_ = 0;
     config_mismatch_ = false;
     withdraw();
   }
 
-  /// Asks `node` the next question, or repeats the last; call every tick until done() or config_mismatch().
-  /// `send(frame)` returns whether the bus took the frame; if not, the next call tries again.
+  /// Sends the next question to `node`, or repeats the last; call every tick until done() or
+  /// config_mismatch(). `send(frame)` returns whether the bus took the frame; if not, the next call tries
+  /// again.
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
     if (done() || config_mismatch_) return;
@@ -73,8 +76,8 @@ class OdriveReadBack {
     wait_ticks_ = patience_ticks - 1;
   }
 
-  /// Judges a Get_Version of the axis. not_mine, without effect: the version is not being asked for, as when
-  /// it comes cyclically; malformed: wrong length. The caller checks the identifier.
+  /// Compares a Get_Version of the axis. not_mine, without effect: the version is not the present question,
+  /// as when it comes cyclically; malformed: wrong length. The caller checks the identifier.
   Received take_version(const hal::CanFrame& f) {
     if (!asked_ || !asks_version() || f.remote) return Received::not_mine;
     const auto v = odrive::decode_version(f);
@@ -82,7 +85,7 @@ class OdriveReadBack {
     judge(*v == table_.firmware);
     return Received::accepted;
   }
-  /// Judges a TxSdo of the axis. not_mine, without effect: another endpoint than the one being asked for, as
+  /// Compares a TxSdo of the axis. not_mine, without effect: another endpoint than the present question, as
   /// an answer to another node; malformed: too short for the value. The caller checks the identifier.
   Received take_value(const hal::CanFrame& f) {
     if (!asked_ || asks_version() || f.remote || f.size < 4 || odrive::endpoint_of(f) != check().endpoint) {

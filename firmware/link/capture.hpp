@@ -19,8 +19,8 @@ struct CaptureTick {
   std::uint32_t lateness_us = 0;  ///< of the tick; more than 65535 are stored as 65535
   State state = State::disabled;
   Fault fault = Fault::none;
-  bool obeyed = false, refused = false;         ///< a frame to the controller since the record before
-  std::array<float, 2> angle{};                 ///< rad, base joints
+  bool obeyed = false, refused = false;  ///< a frame of the supervisor computer was, since the record before
+  std::array<float, 2> angle{};          ///< rad, base joints
   std::array<float, 2> torque{}, torque_max{};  ///< N m, base joints; |torque| <= torque_max
   std::array<float, 2> error{};                 ///< m, effector
 };
@@ -33,6 +33,7 @@ struct CaptureTick {
   return v == v ? static_cast<std::int32_t>(v + (v < 0.0F ? -0.5F : 0.5F)) : 0;
 }
 
+/// Record of a tick: see CaptureRecord. Angles and errors are clamped to 23 bits of position_unit.
 [[nodiscard]] constexpr CaptureRecord encode_record(const CaptureTick& t) {
   CaptureRecord r{};
   unsigned at = 0;
@@ -53,18 +54,19 @@ struct CaptureTick {
   return r;
 }
 
-/// Keeps a record of each tick in which the controller is not disabled, in a ring. It stops an eighth of the
-/// ring after a fault, until the fault is acknowledged; the next arming writes over the oldest records. It
+/// Keeps a record of each tick in which the controller is not disabled, in a ring. After a fault it records
+/// an eighth of the ring more and stops until the reset; the next arming overwrites the oldest records. It
 /// can be read while nothing is recorded.
 class Capture {
  public:
-  static constexpr std::size_t block = 64;  ///< records that one request asks for
+  static constexpr std::size_t block = 64;  ///< records per request
   static constexpr std::size_t records_max =
       0x3FFF;  ///< numbers of parts have 16 bits, one is capture_status
   static_assert(records_max / block < 256, "an index of a request has 8 bits");
 
   Capture() = default;
-  /// Takes this memory, at most records_max of it; it must outlive every copy of this. Empty: no capture.
+  /// `memory`: at most records_max of it are used; it must outlive every copy of this object. Empty: no
+  /// capture.
   explicit Capture(std::span<CaptureRecord> memory)
       : memory_(memory.first(std::min(memory.size(), records_max))) {}
 
@@ -81,15 +83,16 @@ class Capture {
     count_ = std::min(count_ + 1, memory_.size());
     ++recorded_;
   }
-  /// A request: queues Capture_State, and the records of a block where they can be read.
+  /// Answers a request: queues the state and, where they can be read, the records of block `index`, oldest
+  /// block 0.
   void read(std::uint8_t index) {
     state_due_ = true;
     if (!ready_) return;
     next_ = std::min(index * block, count_) * capture_parts;
     end_ = std::min((index + 1U) * block, count_) * capture_parts;
   }
-  /// Offers the bus the next frame of what was asked for. A frame that the bus does not take is tried again.
-  /// False: nothing is due.
+  /// Sends the next queued frame; one that the bus does not take stays queued. `base`: LinkConfig::base_id.
+  /// False: nothing is queued.
   template <class Send>
   bool transmit(std::uint32_t base, Send&& send) {
     const auto byte = [](std::size_t v) { return static_cast<std::uint8_t>(v); };

@@ -66,7 +66,7 @@ enum class Order : std::uint8_t {
   hold = 6,          ///< the present position: from the next start on; while running to rest, on the path
   reference = 7,     ///< the reference of the configuration: from the next start on
   stream = 8,        ///< set points and samples: from the next start on
-  store = 9,         ///< keep the present gains for later power-ups
+  store = 9,         ///< writes the present gains to the store, for later power-ups
   forget = 10,       ///< return to the baked gains, now and for later power-ups
   home = 11,         ///< Command::home
   override = 19,     ///< the reference at CommandFrame::percent of its speed, along its path
@@ -94,9 +94,9 @@ enum class Answer : std::uint8_t {
 enum class Subject : std::uint8_t { faults = 0, parameter = 1, table = 2, capture = 3 };
 inline constexpr std::uint8_t subject_count = 4;
 
-/// A session that no controller has: accepted for disarm and off, from a sender that has heard no Status.
+/// A session that no controller has: accepted for disarm and off, from a sender that has received no Status.
 inline constexpr std::uint8_t any_session = 0;
-inline constexpr std::uint8_t no_axis = 0xFF;
+inline constexpr std::uint8_t no_axis = 0xFF;  ///< in the place of a motor or encoder: none
 
 inline constexpr float position_unit = 1e-6F;  ///< m or rad
 inline constexpr float velocity_unit = 1e-5F;  ///< m/s or rad/s
@@ -131,6 +131,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 [[nodiscard]] constexpr bool intact(const hal::CanFrame& f, std::uint8_t session) {
   return f.data[0] == checksum(f, session);
 }
+/// Alive counter of a frame, 0..15. The caller checks that the frame has two bytes.
 [[nodiscard]] constexpr std::uint8_t counter_of(const hal::CanFrame& f) { return f.data[1] & 0x0FU; }
 
 // ---- to the controller; a decoder returns nothing if a reserved bit is set or a value has no meaning
@@ -139,7 +140,7 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 struct CommandFrame {
   Order order = Order::none;
   std::uint8_t percent = 0;      ///< for override, 0 to 100; else 0: the receiver checks both
-  std::uint16_t tick = 0;        ///< of the last Status heard, its low 16 bits
+  std::uint16_t tick = 0;        ///< of the last Status received, its low 16 bits
   std::uint16_t parameters = 0;  ///< low half of the CRC-32 of the table that the operator knows
 };
 /// Decodes an order; empty: unknown, or a reserved bit is set. The caller checks identifier, size, intact().
@@ -174,12 +175,12 @@ struct ParameterWrite {
   return ParameterWrite{f.data[2], detail::get_float(f, 4)};
 }
 
-/// A question.
+/// A request for data: its subject and index.
 struct RequestFrame {
   Subject subject = Subject::faults;
   std::uint8_t index = 0;  ///< of a parameter, or of a block of captured ticks
 };
-/// Decodes a question; empty: unknown subject, or a reserved bit is set. The index is not checked.
+/// Decodes a request; empty: unknown subject, or a reserved bit is set. The index is not checked.
 [[nodiscard]] constexpr std::optional<RequestFrame> decode_request(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || f.data[2] >= subject_count || get_field(f, 4, 4) != 0) return std::nullopt;
   return RequestFrame{static_cast<Subject>(f.data[2]), f.data[3]};
@@ -220,7 +221,7 @@ struct Status {
   return f;
 }
 
-/// A fault as it is reported.
+/// Record of a fault: its last occurrence and their number.
 struct FaultRecord {
   Fault fault = Fault::none;      ///< none: end of a readout of `count` records
   std::uint8_t axis = no_axis;    ///< motor with a drive error; loop_not_closed: encoder, passive ones last
@@ -312,7 +313,7 @@ inline constexpr std::array<const char*, 6> slot_content_names{
     "empty", "valid", "damaged", "other_format", "other_scene", "out_of_bounds"};
 [[nodiscard]] constexpr const char* name(SlotContent c) { return name_in(slot_content_names, c); }
 
-/// The slots of parameters.
+/// State of the store of parameters.
 struct StoreStatus {
   StoreState state = StoreState::none;
   std::uint8_t used = 0;  ///< slot of the gains in use since power-up, 1 or 2; 0: the baked gains
@@ -320,6 +321,7 @@ struct StoreStatus {
   std::uint32_t sequence = 0;  ///< of the newest valid record
   friend constexpr bool operator==(const StoreStatus&, const StoreStatus&) = default;
 };
+/// Parameter_Slots: state of the store and content of its slots.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_slots(std::uint32_t base, const StoreStatus& s) {
   hal::CanFrame f = detail::frame(base, Message::parameter_slots);
   f.data[0] = static_cast<std::uint8_t>(s.state);
@@ -337,6 +339,7 @@ struct Counters {
   std::uint16_t bad_counter = 0;
   std::uint16_t refused = 0;  ///< everything else: length, format, value, age, not in this state
 };
+/// Link_Counters.
 [[nodiscard]] constexpr hal::CanFrame encode_counters(std::uint32_t base, const Counters& c) {
   hal::CanFrame f = detail::frame(base, Message::link_counters);
   put_field(f, 0, c.obeyed, 2);
@@ -345,7 +348,7 @@ struct Counters {
   put_field(f, 6, c.refused, 2);
   return f;
 }
-/// What can be read of the captured ticks.
+/// Whether captured ticks can be read.
 enum class CaptureState : std::uint8_t {
   none = 0,       ///< the board keeps none
   recording = 1,  ///< not now: the controller is armed
@@ -357,8 +360,8 @@ inline constexpr std::array<const char*, 3> capture_state_names{"none", "recordi
 inline constexpr std::size_t capture_record_size = 24, capture_part_size = 6,
                              capture_parts = capture_record_size / capture_part_size;
 inline constexpr float capture_torque_steps = 32767.0F;
-/// In the place of the number of a part: the bytes are state, 0, count of records (2), records since
-/// power-up (2), others than before where the records have changed.
+/// In the place of the number of a part: the bytes are CaptureState, 0, count of records (2), records made
+/// since power-up (2), by which a reader sees that records have changed.
 inline constexpr std::uint16_t capture_status = 0xFFFF;
 using CapturePart = std::array<std::uint8_t, capture_part_size>;
 /// Frame of a part; `number`: capture_parts * record, 0 the oldest, + part of it; or capture_status.

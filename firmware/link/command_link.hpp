@@ -40,7 +40,8 @@ class CommandLink {
   /// Begins a tick; call before its frames.
   void begin_tick() { ++tick_; }
 
-  /// Takes a frame and counts the outcome. `waited`: ticks from its arrival to this call, below 2^31.
+  /// Checks a frame, stores its request for take(), and counts the outcome. `waited`: ticks from its arrival
+  /// to this call, below 2^31.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
@@ -51,7 +52,7 @@ class CommandLink {
     return o;
   }
 
-  /// Returns the requests since the last call and forgets them; the source is the present one in any case.
+  /// Returns the requests since the last call and clears them; `source` is the present one in any case.
   [[nodiscard]] Request take() {
     Request r = request_;
     request_ = {};
@@ -64,7 +65,7 @@ class CommandLink {
     if (good) request_.has_gains = true;
     return good;
   }
-  /// Returns the last request to the store since the last call, and forgets it.
+  /// Returns the last request to the store since the last call, and clears it.
   [[nodiscard]] StoreRequest take_store_request() {
     return std::exchange(store_request_, StoreRequest::none);
   }
@@ -73,18 +74,18 @@ class CommandLink {
     slots_due_ = slots_due_ || s != store_;
     store_ = s;
   }
-  /// Keeps the ticks from now on in this memory; without a call they are not kept. See Capture.
+  /// Records the ticks from now on in this memory (Capture), which must outlive the link; by default none.
   void capture_into(std::span<CaptureRecord> memory) { capture_ = Capture(memory); }
-  /// Lateness of the coming tick for its record, us.
+  /// Sets the lateness of the coming tick for its record, us.
   void late_by(std::uint32_t us) { lateness_us_ = us; }
-  void offer_homing(bool offered) { homes_ = offered; }         ///< whether the order `home` can be obeyed
-  void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< for Status
+  void offer_homing(bool offered) { homes_ = offered; }         ///< sets whether the order `home` is obeyed
+  void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< sets the flag of Status
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 
   /// True if no sign of life, which is a Command in order or an obeyed set point or sample, came for more
   /// than `silence` ticks (0: not checked) in an armed state, or no sample of a begun stream for more than
-  /// `stream_age` ticks. A reference that may run unattended is watched until it runs, and while it is held.
+  /// `stream_age` ticks. While an unattended reference runs and is not held, no sign of life is needed.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool alone =

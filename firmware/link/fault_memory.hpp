@@ -11,7 +11,8 @@ namespace esmc::link {
 /// One record per fault: number of occurrences; time, motor and drive error of the last one.
 class FaultMemory {
  public:
-  /// Records faults new in this tick; once per tick. `axis`, `drive_error`: of a drive that reports an error.
+  /// Records and queues faults that are new in this tick; call once per tick. `time_us`: since power-up.
+  /// `axis`, `drive_error`: of a drive that reports an error.
   void update(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
     for (unsigned i = 1; i < count; ++i) {
       FaultRecord& r = records_[i];
@@ -22,13 +23,13 @@ class FaultMemory {
       if (i == detail_of_) detail_of_ = 0;  // the record that was sent is no longer the present one
     }
   }
-  /// Queues every fault that has occurred, and the end mark.
+  /// Queues the records of all faults that have occurred, and the end mark.
   void read_out() {
     for (unsigned i = 1; i < count; ++i) pending_[i] = pending_[i] || records_[i].count > 0;
     pending_[0] = true;
   }
-  /// Offers the bus the next frame of a queued record, that of `first` before others: its second frame in the
-  /// next call. A frame that the bus does not take stays queued. False: nothing is queued.
+  /// Sends the next frame of a queued record, of `first` before others; the second frame of a record follows
+  /// in the next call. A frame that the bus does not take stays queued. False: nothing is queued.
   template <class Send>
   bool transmit(std::uint32_t base, Fault first, Send&& send) {
     unsigned i = detail_of_ != 0 ? detail_of_ : static_cast<unsigned>(first);

@@ -24,7 +24,7 @@ struct LinkConfig {
   std::array<Bounds, 2> position{};         ///< of set points and samples, m or rad
   std::uint32_t scene = 0;                  ///< CRC-32 of the values of the scene; 0: not known
   Parameters parameters{};
-  bool has_path = true;     ///< the reference of the configuration moves: it can be slowed down
+  bool has_path = true;     ///< the reference moves on a path, so it can be slowed or held
   bool unattended = false;  ///< once running, the reference needs no sign of life
 };
 
@@ -43,11 +43,11 @@ enum class Outcome : std::uint8_t {
 struct Request {
   Command command = Command::none;
   Source source = Source::reference;
-  bool hold = false;  ///< come to rest
-  bool has_point = false;
-  bool has_sample = false;
-  bool has_gains = false;
-  bool has_rate = false;
+  bool hold = false;                ///< come to rest
+  bool has_point = false;           ///< `position` is a set point
+  bool has_sample = false;          ///< `position`, `velocity` are a sample of a stream
+  bool has_gains = false;           ///< the gains of CommandLink::parameters() have changed
+  bool has_rate = false;            ///< `percent` is a new rate of the reference
   std::array<float, 2> position{};  ///< of the set point or the sample
   std::array<float, 2> velocity{};  ///< of the sample
   std::uint8_t percent = 100;       ///< of the speed of the reference; 0: hold on its path

@@ -15,8 +15,9 @@
 
 namespace esmc::link {
 
-/// Words of 32 bits: mark and format, sequence number, scene, gains, CRC-32/ISO-HDLC over the bytes of all
-/// previous words, little endian. The first word keeps its meaning in every later format.
+/// A record of gains in a slot. Words of 32 bits: mark and format, sequence number, scene, gains,
+/// CRC-32/ISO-HDLC over the bytes of all previous words, little endian. The first word keeps its meaning in
+/// every later format.
 struct SlotRecord {
   static constexpr unsigned words = 4 + gain_count;
   static constexpr std::uint32_t mark = 0x4553'4D00U, format_mask = 0xFF;  // "ESM", then the format
@@ -27,7 +28,7 @@ struct SlotRecord {
   std::uint32_t scene = 0;     ///< LinkConfig::scene of the image that wrote it
   Gains gains{};
 
-  /// The checksum that belongs into the last word: of all words before it.
+  /// CRC-32/ISO-HDLC of all words but the last, which must hold it.
   static constexpr std::uint32_t sum(const Words& w) {
     std::uint32_t c = crc32_start;
     for (unsigned i = 0; i + 1 < words; ++i) {
@@ -35,6 +36,7 @@ struct SlotRecord {
     }
     return ~c;
   }
+  /// The words of this record, checksum included.
   [[nodiscard]] constexpr Words encode() const {
     Words w{mark | format, sequence, scene};
     for (unsigned i = 0; i < gain_count; ++i) w[3 + i] = std::bit_cast<std::uint32_t>(gains[i]);
@@ -72,8 +74,8 @@ class ParameterSlots {
     return status_.state == StoreState::storing || status_.state == StoreState::forgetting;
   }
 
-  /// Begins to store gains, which poll() carries out; status() tells the end. Ignored while busy() or without
-  /// a store; fails while an operation that timed out may still go on.
+  /// Begins to store gains, which poll() carries out; status() shows the result. Ignored while busy() or
+  /// without a store; fails while an operation that timed out may still go on.
   void store(const Gains& gains) {
     if (!begin(StoreState::storing)) return;
     std::uint32_t next = newest_ + 1;
@@ -81,7 +83,8 @@ class ParameterSlots {
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
-  /// Begins to erase both records, as store(); the older first: a loss of power must not bring it back.
+  /// Begins to erase both records, which poll() carries out like store(); the older first: a loss of power
+  /// must not bring it back.
   void forget() {
     if (!begin(StoreState::forgetting)) return;
     record_.fill(hal::erased_word);
@@ -239,14 +242,16 @@ class ParameterSlots {
   bool unknown_ = false;  ///< an operation timed out and goes on: the content of the slots is not known
 };
 
-/// Gives the stored gains, if they can be used, to the link; at power-up, before the first tick.
+/// Loads the stored gains and gives them, if they can be used, to the link; call at power-up, before the
+/// first tick.
 template <class Memory>
 void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
   if (!link.active()) return;  // no orders can come
   if (const auto gains = slots.load()) (void)link.restore(*gains);
   link.store_status(slots.status());
 }
-/// Passes a request of the link to the store, and polls the store once; between two ticks.
+/// Passes a store or forget request of the link to the store, and polls the store once; call between two
+/// ticks.
 template <class Memory>
 void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
   const StoreRequest request = link.take_store_request();

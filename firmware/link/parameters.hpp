@@ -22,7 +22,7 @@ enum class Index : std::uint8_t {
   speed = 8,            ///< m/s or rad/s, of set points
   acceleration = 9,     ///< m/s2 or rad/s2
   stream_age = 10,      ///< ticks without a sample after which a stream is lost
-  silence = 11,         ///< ticks without a sign of life after which the supervisor computer is lost; 0: any
+  silence = 11,  ///< ticks without a sign of life after which the supervisor computer is lost; 0: never
 };
 inline constexpr std::uint8_t parameter_count = static_cast<std::uint8_t>(Index::silence) + 1;
 inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these can be written
@@ -31,7 +31,7 @@ inline constexpr std::uint8_t gain_count = 4;  ///< the first ones; only these c
 struct Bounds {
   float lower = 0, upper = 0;
 };
-using Gains = std::array<float, gain_count>;
+using Gains = std::array<float, gain_count>;  ///< in the order and units of Index
 
 /// Values of the table, bounds of the gains, and the checksum of the values.
 class Parameters {
