@@ -5,11 +5,11 @@
 
 namespace esmc::hal {
 
-/// Time quanta: a bit is 1 + segment1 + segment2 of them, each `prescaler` periods of the kernel clock. The
-/// prescaler is 0 if the bit rate is not exactly possible.
+/// Lengths in time quanta: a bit has 1 + segment1 + segment2 of them, each `prescaler` periods of the kernel
+/// clock. The prescaler is 0 if the bit rate is not exactly possible.
 struct BitTiming {
   std::uint32_t prescaler = 0, segment1 = 0, segment2 = 0, jump_width = 0;
-  [[nodiscard]] constexpr bool exact() const { return prescaler != 0; }
+  [[nodiscard]] constexpr bool exact() const { return prescaler != 0; }  ///< the bit rate is possible
 };
 
 /// Largest values that a controller's registers hold.

@@ -25,6 +25,7 @@ struct CanFrame {
   std::uint8_t size = 0;         ///< bytes used in `data`: 0..8, or 0..64 with `fd`
   alignas(4) std::array<std::uint8_t, can_fd_size_max> data{};
 
+  /// The used bytes of data. `size` is not checked.
   [[nodiscard]] constexpr std::span<const std::uint8_t> payload() const { return {data.data(), size}; }
   friend constexpr bool operator==(const CanFrame& a, const CanFrame& b) {
     if (a.id != b.id || a.extended != b.extended || a.remote != b.remote || a.fd != b.fd ||
@@ -52,7 +53,8 @@ inline constexpr std::array<std::uint8_t, 16> can_fd_sizes{0, 1,  2,  3,  4,  5,
   return can_fd_sizes[can_fd_code(bytes)];
 }
 
-/// `to` = `from` as far as frames are compared. Always copies 8 bytes or more of data, which costs no loop.
+/// Copies a frame: all fields, of data at least the used bytes; a fixed number of bytes up to size 8, which
+/// costs no loop.
 inline void copy_used(const CanFrame& from, CanFrame& to) {
   if (from.size > can_classic_size_max) {
     to = from;
@@ -88,7 +90,8 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
 constexpr void put_field(CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
   for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
 }
-/// The number in `bytes` (1..4) bytes of data from `at` on, little-endian. Not checked: at + bytes <= 64.
+/// The unsigned number in `bytes` (1..4) bytes of data from byte `at` on, little-endian. Not checked: at +
+/// bytes <= 64.
 [[nodiscard]] constexpr std::uint32_t get_field(const CanFrame& f, std::size_t at, std::size_t bytes) {
   std::uint32_t value = 0;
   for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{f.data[at + i]} << (8U * i);
@@ -103,7 +106,8 @@ enum class [[nodiscard]] SendStatus : std::uint8_t{
     refused,   ///< not well formed: a bug in the caller
 };
 
-/// A CAN controller. No call blocks, allocates or waits.
+/// A CAN controller: try_send queues a frame, try_receive takes the oldest received one. No call blocks,
+/// allocates or waits.
 template <class B>
 concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_send(out) } -> std::same_as<SendStatus>;

@@ -21,10 +21,10 @@ struct IdFilter {
   friend constexpr bool operator==(const IdFilter&, const IdFilter&) = default;
 };
 
-/// A frame passes if one filter accepts it; with an empty list all frames pass.
+/// List of filters. A frame passes if one of them accepts it; with an empty list all frames pass.
 class IdFilters {
  public:
-  static constexpr std::size_t capacity = 16, extended_max = 8;  ///< as many have room in an STM32G4
+  static constexpr std::size_t capacity = 16, extended_max = 8;  ///< as many fit into an STM32G4
 
   /// Adds a filter that is not in the list. A list that would overflow passes all frames from then on.
   constexpr void add(const IdFilter& filter) {
@@ -35,7 +35,7 @@ class IdFilters {
     overflown_ = overflown_ || size_ == capacity || extended_ > extended_max;
     if (!overflown_) filters_[size_++] = filter;
   }
-  /// Empty: every frame is heard.
+  /// The filters; empty: all frames pass.
   [[nodiscard]] constexpr std::span<const IdFilter> list() const {
     return {filters_.data(), overflown_ ? 0 : size_};
   }

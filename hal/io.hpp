@@ -5,19 +5,21 @@
 
 namespace esmc::hal {
 
-/// Resets the processor unless refreshed in time: after a tick with Cycle::output_ok() only.
+/// A watchdog that resets the processor unless refresh() is called in time: only after a tick with
+/// Cycle::output_ok().
 template <class W>
 concept Watchdog = requires(W& w) {
   w.refresh();
 };
 
-/// `enable`: a normally closed contact. An open one, or a broken wire, reads false.
+/// The input `enable`, a normally closed contact. closed() is false for an open contact or a broken wire.
 template <class I>
 concept DigitalInput = requires(const I& i) {
   { i.closed() } -> std::same_as<bool>;
 };
 
-/// `drive_enable`, and a brake that opens with power: low without power, low after reset.
+/// An output: `drive_enable`, or a brake that opens with power. set(true) is high; low without power and
+/// after reset.
 template <class O>
 concept DigitalOutput = requires(O& o, bool high) {
   o.set(high);

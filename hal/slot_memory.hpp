@@ -10,15 +10,16 @@ namespace esmc::hal {
 inline constexpr unsigned memory_slots = 2;
 inline constexpr std::uint32_t erased_word = 0xFFFF'FFFFU;
 
-/// State of an operation.
+/// State of the operation that was begun.
 enum class [[nodiscard]] MemoryStatus : std::uint8_t{
-    ready, busy,
+    ready,  ///< none is under way
+    busy,
     failed,  ///< returned once per failed operation, then ready
 };
 
-/// Two slots, erased one by one and programmed in units of `unit_words` words of 32 bits, each unit once
-/// after an erasure. No call waits; a begun operation goes on until poll() no longer returns busy. After a
-/// loss of power its slot or unit may read as anything or not at all; the other slot is intact.
+/// Memory of two slots, erased one by one and programmed in units of `unit_words` words of 32 bits, each unit
+/// once after an erasure. No call waits; a begun operation goes on until poll() no longer returns busy. After
+/// a loss of power its slot or unit may read as anything or not at all; the other slot is intact.
 template <class M>
 concept SlotMemory = requires(M& m, const M& c, unsigned slot, unsigned at, std::uint32_t& word,
                               const std::uint32_t* unit) {

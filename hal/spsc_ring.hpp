@@ -7,8 +7,9 @@
 
 namespace esmc::hal {
 
-/// Each index has one writer: `head_` the producer, `tail_` the consumer. The release of an index publishes
-/// the slots before it, so neither side has to mask interrupts. `size`: a power of two, for indices wrap.
+/// Queue of one producer and one consumer. Each index has one writer: `head_` the producer, `tail_` the
+/// consumer. The release of an index publishes the slots before it, so neither side has to mask interrupts.
+/// `size`: a power of two, for indices wrap.
 template <class T, std::uint32_t size>
 class SpscRing {
   static_assert((size & (size - 1)) == 0);
@@ -19,14 +20,14 @@ class SpscRing {
     const std::uint32_t head = head_.load(std::memory_order_relaxed);
     return head - tail_.load(std::memory_order_acquire) == size ? nullptr : &slots_[head % size];
   }
-  /// Producer: hands the filled slot over.
+  /// Producer: appends the filled slot to the queue.
   void push() { head_.store(head_.load(std::memory_order_relaxed) + 1, std::memory_order_release); }
   /// Consumer: the oldest element, valid until pop(); null: empty.
   [[nodiscard]] const T* front() const {
     const std::uint32_t tail = tail_.load(std::memory_order_relaxed);
     return head_.load(std::memory_order_acquire) == tail ? nullptr : &slots_[tail % size];
   }
-  /// Consumer: returns the slot of front().
+  /// Consumer: removes front(); the caller ensures that there is one.
   void pop() { tail_.store(tail_.load(std::memory_order_relaxed) + 1, std::memory_order_release); }
   /// Drops all elements; while there is no producer.
   void clear() { tail_.store(head_.load(std::memory_order_relaxed), std::memory_order_relaxed); }

@@ -8,15 +8,15 @@
 
 namespace esmc::hal {
 
-/// The smallest arbitration field first, so that no frame of the node waits behind a less urgent one; equal
-/// ones first in, first out. Identifiers are priorities on any bus, also in the queues of other nodes and of
-/// adapters, so no sequence of a protocol relies on the order of two identifiers: each step waits for the
-/// drive's answer to the one before. Perishable frames can be withdrawn, so that no torque of an earlier tick
-/// is sent.
+/// Priority queue of frames: the smallest arbitration field first, so that no frame of the node waits behind
+/// a less urgent one; equal ones first in, first out. Identifiers are priorities on any bus, also in the
+/// queues of other nodes and of adapters, so no sequence of a protocol relies on the order of two
+/// identifiers: each step waits for the drive's answer to the one before. Perishable frames can be withdrawn,
+/// so that no torque of an earlier tick is sent.
 class WaitingFrames {
  public:
   static constexpr std::uint32_t capacity = 32;
-  static constexpr std::uint32_t returned_max = 3;  ///< frames beyond it that give_back() may add
+  static constexpr std::uint32_t returned_max = 3;  ///< frames beyond `capacity` that give_back() may add
 
   /// Adds a copy of f behind those of its priority. False: full, nothing changed.
   [[nodiscard]] bool push(const CanFrame& f) {
@@ -24,7 +24,7 @@ class WaitingFrames {
     insert(f, true);
     return true;
   }
-  /// Adds a copy of f before those of its priority: a controller has returned it.
+  /// Adds a copy of f, which a controller has returned, before those of its priority; dropped if all is full.
   void give_back(const CanFrame& f) {
     if (size_ < frames_.size()) insert(f, false);
   }

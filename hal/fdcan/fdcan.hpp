@@ -28,7 +28,7 @@ concept FdcanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint32_t
   a.write_ram(at, value);
 };
 
-/// `Chip`: fdcan::G4 or fdcan::H7.
+/// CAN controller of an STM32. `Chip`: fdcan::G4 or fdcan::H7.
 ///
 /// Receiving: interrupt() moves elements of the controller's FIFO, which on a G4 holds three, into a ring,
 /// and touches neither the transmit registers nor anything else of this object. It may interrupt every other
@@ -108,7 +108,7 @@ class Fdcan {
     return SendStatus::ok;
   }
 
-  /// The handler of interrupt line 0: moves what has been received into the ring.
+  /// The handler of interrupt line 0: moves received frames into the ring.
   void interrupt() {
     const fdcan::Word events = a_.read(fdcan::ir) & (fdcan::rx_new | Chip::lost_flag);
     a_.write(fdcan::ir, events);  // first: a frame that comes from now on asks for another interrupt
@@ -148,7 +148,7 @@ class Fdcan {
   /// at 1 Mbit/s. 0, not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
-  /// Withdraws perishable frames, also those in the controller but for one that is being sent.
+  /// Drops waiting perishable frames, also those in the controller except one that is being sent.
   void withdraw() {
     withdrawn_ += waiting_.withdraw();
     cancel([](const Buffer& b) { return b.perishable; });

@@ -16,7 +16,7 @@ inline constexpr Word dbtp = 0x0C, test = 0x10, cccr = 0x18, nbtp = 0x1C, tscc =
                       ecr = 0x40, psr = 0x44, tdcr = 0x48, ir = 0x50, ie = 0x54, ils = 0x58, ile = 0x5C,
                       txbc = 0xC0;
 
-/// Of NBTP and DBTP.
+/// Largest values of NBTP (nominal bit rate) and DBTP (data bit rate).
 inline constexpr BitTimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
 
 namespace cccr_bit {
@@ -44,7 +44,8 @@ inline constexpr unsigned standard_shift = 18, dlc_shift = 16;
 inline constexpr Word words = 18;  ///< header and 64 bytes
 }  // namespace element
 
-/// STM32G4: a fixed layout of the message memory, three elements of each kind.
+/// Registers that differ between chips, of the STM32G4: a fixed layout of the message memory (in words),
+/// three elements of each kind.
 struct G4 {
   static constexpr Word rxf0s = 0x90, rxf0a = 0x94, txbrp = 0xC8, txbar = 0xCC, txbcr = 0xD0, txbto = 0xD4;
   static constexpr Word lost_flag = 1U << 2;  ///< IR.RF0L
@@ -61,7 +62,8 @@ struct G4 {
   }
 };
 
-/// STM32H742/743: a layout of our own, from the start of the message memory of FDCAN1.
+/// Registers of the STM32H742/743, as in G4: a layout of our own, from the start of the message memory of
+/// FDCAN1.
 struct H7 {
   static constexpr Word rxf0s = 0xA4, rxf0a = 0xA8, txbrp = 0xCC, txbar = 0xD0, txbcr = 0xD4, txbto = 0xD8;
   static constexpr Word lost_flag = 1U << 3;
@@ -70,7 +72,7 @@ struct H7 {
                         standard_filters = tx_buffers + tx_elements * element::words,
                         extended_filters = standard_filters + 28, ram_words = extended_filters + 16;
   static constexpr Word fill = 0x7F, index = 0x3F;
-  /// As G4::configure().
+  /// Accepted frames into FIFO 0, transmit queue; arguments as in G4::configure().
   template <class Access>
   static void configure(Access& a, Word rejected, Word standard, Word extended) {
     a.write(0x80, rejected);                                    // GFC

@@ -12,7 +12,7 @@ namespace esmc::hal::flash {
 
 using Word = std::uint32_t;
 
-/// On a board the addresses, in a test a model.
+/// Access to the flash interface and memory: on a board the addresses, in a test a model.
 template <class A>
 concept Access = requires(A& a, const A& c, Word at, Word value, Word& word) {
   { c.read(at) } -> std::same_as<Word>;  // register at a byte offset from the flash interface
@@ -83,13 +83,14 @@ struct H7 {
   static bool available(const A& a) {
     return (a.read(0x18) & 1U << 31) == 0;
   }
+  /// Before and after an operation there is nothing to do: no data cache is in use.
   template <Access A>
   static void before(A&) {}
   template <Access A>
   static void after(A&) {}
 };
 
-/// `Chip`: G4 or H7.
+/// Two slots in bank 2 of the flash (SlotMemory). `Chip`: G4 or H7.
 template <class Chip, Access A>
 class BankSlots {
  public:

@@ -11,7 +11,7 @@
 
 namespace esmc::hal {
 
-/// Never blocks once it is open. After end of file or hang-up it stays gone().
+/// A serial line that never blocks once it is open. After end of file or hang-up it stays gone().
 class SerialPort {
  public:
   /// ENDPOINT: the path of a tty, optionally with `@BAUD` (default 115200; USB adapters ignore it), unix:PATH

@@ -7,7 +7,7 @@
 
 namespace esmc::hal {
 
-/// Closes its descriptor; -1: none.
+/// Owner of a file descriptor, which it closes; -1: none.
 class Descriptor {
  public:
   Descriptor() = default;

@@ -12,9 +12,9 @@ struct GpioKernel {
   int (*ioctl)(int descriptor, unsigned long request, void* argument);
   int (*close)(int descriptor);
 };
-extern const GpioKernel gpio_kernel;
+extern const GpioKernel gpio_kernel;  ///< of this computer
 
-/// One line, given back on destruction; the chip decides the level of an output then.
+/// One GPIO line, released on destruction; the chip then decides the level of an output.
 class GpioLine {
  public:
   /// Use of a line.

@@ -83,7 +83,7 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return true;
 }
 
-/// Bytes in, frames out. A line that is no frame is skipped up to its CR and counted.
+/// Decoder of a stream of bytes into frames. A line that is no frame is skipped up to its CR and counted.
 class SlcanDecoder {
  public:
   /// Takes a byte of the line. True: it completed the frame in `out`; false: `out` is untouched.
@@ -124,14 +124,14 @@ class SlcanDecoder {
   std::uint32_t malformed_ = 0, answers_ = 0, errors_ = 0;
 };
 
-/// A serial port: neither call blocks.
+/// A serial port: try_write takes all bytes or none, try_read one byte if there is one. Neither call blocks.
 template <class P>
 concept BytePort = requires(P& p, std::span<const char> out, char& in) {
   { p.try_write(out) } -> std::same_as<bool>;  // all of it or nothing
   { p.try_read(in) } -> std::same_as<bool>;
 };
 
-/// A port that can be lost for good, as an unplugged adapter or a closed socket.
+/// A port that can be lost: gone() is true for good once an adapter is unplugged or a socket closed.
 template <class P>
 concept LosablePort = BytePort<P> && requires(const P& p) {
   { p.gone() } -> std::same_as<bool>;

@@ -9,11 +9,12 @@
 
 namespace esmc::hal {
 
-/// Ports that receive each other's frames.
+/// A bus of `Ports` nodes that receive each other's frames.
 template <std::size_t Ports>
 class VirtualBus {
  public:
-  /// Connection of one node. A frame is refused (bus_full) if a receiver already holds `capacity` frames.
+  /// Connection of one node, a CanBus. A frame is refused (bus_full) if a receiver already holds `capacity`
+  /// frames.
   class Port {
    public:
     static constexpr std::size_t capacity = 256;

@@ -41,7 +41,7 @@ inline constexpr Word srrrtr = 1U << 20, ide = 1U << 19, rtr = 1U << 0;
 inline constexpr unsigned idh_shift = 21, idl_shift = 1, idl_bits = 18, dlc_shift = 28;
 inline constexpr Word idl_mask = (1U << idl_bits) - 1U;
 
-/// BRPR, BTR: TS1, TS2, SJW.
+/// Largest values of BRPR and of BTR's TS1, TS2, SJW.
 inline constexpr BitTimingLimits limits{256, 16, 8, 4};
 
 /// Layout of identifier and data in the words of a message.

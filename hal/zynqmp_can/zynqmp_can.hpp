@@ -20,9 +20,10 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
   a.write(at, value);
 };
 
-/// `layout`: of the manual, or of the emulator for an image that runs there only. The controller, whose FIFO
-/// cannot give a frame back, gets one at a time; the others wait here, the most urgent goes first.
-/// The counter that stamps received frames cannot be read, so their age is not known.
+/// CAN controller of a Zynq UltraScale+. `layout`: of the manual, or of the emulator for an image that runs
+/// there only. The controller, whose FIFO cannot give a frame back, gets one at a time; the others wait here,
+/// the most urgent goes first. The counter that stamps received frames cannot be read, so their age is not
+/// known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
@@ -71,8 +72,8 @@ class ZynqmpCan {
     return true;
   }
 
-  /// Withdraws waiting perishable frames; also the one in the controller if the bus has not taken it since
-  /// the last withdraw(): by a reset, which costs the error counters and maybe an error frame.
+  /// Drops waiting perishable frames; also the one in the controller if the bus has not taken it since the
+  /// last withdraw(): by a reset, which clears the error counters and may cause an error frame.
   void withdraw() {
     if (!opened_) return;
     pump();
