@@ -16,6 +16,7 @@ struct Enum {
   constexpr operator E() const { return static_cast<E>(number); }
 };
 
+/// Number of entries of column(first, rest...).
 template <class... T>
 inline constexpr int size = 1 + static_cast<int>(sizeof...(T));
 

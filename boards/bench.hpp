@@ -21,30 +21,34 @@ struct Recorded {
   std::uint8_t size;
   std::uint8_t data[hal::can_classic_size_max];
 };
+/// The recording, in the order of ticks.
 inline constexpr Recorded recorded[] = {
 #include "bench_frames.inc"
 };
 inline constexpr std::uint32_t ticks = 1U + std::end(recorded)[-1].tick;
-/// Longer than the scene's, because arming sends more frames in a tick than fit a millisecond.
+/// Period of a tick: longer than the scene's, because arming sends more frames than fit a millisecond.
 inline constexpr std::uint32_t period_us = 2500;
 
-/// Where the time of a tick goes: the CAN driver, the cycle, all of them, and waiting.
+/// Stages of a tick whose time is measured: receive and send are the CAN driver's, decode, control and encode
+/// the cycle's, `tick` the sum of these; `waiting` is not counted.
 enum Stage : std::uint8_t { receive, decode, control, encode, send, tick, waiting, stages };
 inline constexpr const char* stage_names[] = {"receive", "decode", "control", "encode", "send", "tick"};
 
-/// Counts per stage, by T::count().
+/// Time of each stage in counts of T::count(), which may wrap.
 template <class T>
 struct Stopwatch {
-  std::array<std::uint32_t, stages> spent{}, worst{};  ///< in the tick that is under way, and in all of them
+  std::array<std::uint32_t, stages> spent{}, worst{};  ///< in the present tick; largest of all ticks
   std::array<std::uint64_t, stages> sum{};
   std::uint32_t ticks = 0;
 
+  /// Ends the present stage and begins `next`.
   void enter(Stage next) {
     const std::uint32_t now = T::count();
     spent[stage_] += now - since_;
     stage_ = next;
     since_ = T::count();
   }
+  /// Adds the tick to `worst` and `sum`.
   void end_tick() {
     for (unsigned i = 0; i < tick; ++i) spent[tick] += spent[i];
     for (unsigned i = 0; i <= tick; ++i) {
@@ -128,7 +132,7 @@ class MeasuredNode : public baked::Node {
  public:
   MeasuredNode(const baked::Node::Config& config, Stopwatch<T>& watch) : baked::Node(config), watch_(watch) {}
 
-  /// A look at the bus that finds nothing is part of waiting.
+  /// Receives as baked::Node; the time counts as waiting where no frame came.
   void receive(LoopBackBus<T>& bus) {
     const auto before = watch_.spent;
     const std::uint32_t taken = bus.taken;
@@ -137,7 +141,7 @@ class MeasuredNode : public baked::Node {
     watch_.enter(waiting);
     if (bus.taken == taken) watch_.spent = before;
   }
-  /// As in the recorded run, every tick answers.
+  /// A tick that always sends torques, as in the recorded run.
   auto tick(LoopBackBus<T>& bus, bool) {
     watch_.enter(control);
     const auto result = baked::Node::tick(bus);
@@ -150,7 +154,7 @@ class MeasuredNode : public baked::Node {
   Stopwatch<T>& watch_;
 };
 
-/// What TimedLoop needs: no contact, no outputs, no watchdog.
+/// Board for TimedLoop with the bus in loop-back: no contact, no outputs, no watchdog.
 template <class T>
 struct BenchBoard {
   T& target;
@@ -173,8 +177,8 @@ struct BenchBoard {
                                     reinterpret_cast<std::uintptr_t>(at));
 }
 
-/// All recorded ticks, then the result on the console. T: bus() that returns frames, now_us(), a static
-/// count() that wraps, the name of its `unit`, and out() that takes texts and numbers by <<.
+/// Runs all recorded ticks, then prints the result on the console. T: bus() that returns frames, now_us(), a
+/// static count() that wraps, the name of its `unit`, and out() that takes texts and numbers by <<.
 template <class T>
 void run(T& target) {
   static_assert(baked::lockstep, "the recording is of a lockstep run: bake without --realtime");

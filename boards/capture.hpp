@@ -7,7 +7,7 @@
 
 namespace esmc {
 
-/// Call once, before the first tick.
+/// Lets the node record its last ESMC_CAPTURE_TICKS ticks in static memory; call once, before the first tick.
 template <class Node>
 void keep_ticks(Node& node) {
   constexpr std::size_t ticks = ESMC_CAPTURE_TICKS;

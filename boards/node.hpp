@@ -10,8 +10,8 @@
 
 namespace esmc {
 
-/// Interface of a board to its loop: CAN bus, watchdog, the input `enable`, the output `drive_enable`,
-/// microseconds.
+/// Interface of a board to its loop: CAN bus, watchdog, the input `enable`, the output `drive_enable`, and
+/// now_us(), a clock in microseconds that wraps at 2^32. Optional: brake(), an output.
 template <class B>
 concept Board = requires(B& b) {
   requires hal::CanBus<std::remove_reference_t<decltype(b.bus())>>;
@@ -25,16 +25,17 @@ concept Board = requires(B& b) {
 struct NoContact {
   [[nodiscard]] static bool closed() { return true; }
 };
-/// For a board without this output.
+/// For a board without an output: set() has no effect.
 struct NoOutput {
   static void set(bool) {}
 };
-/// For a board without a watchdog.
+/// For a board without a watchdog: refresh() has no effect.
 struct NoWatchdog {
   static void refresh() {}
 };
 
-/// After node.tick(): sets the outputs, and refreshes the watchdog if the output of the tick was correct.
+/// Sets the outputs of the board and refreshes the watchdog if the torques of the tick were allowed
+/// (Cycle::output_ok); call after node.tick().
 template <class Node, Board B>
 void finish_tick(Node& node, B& board) {
   board.drive_enable().set(node.drive_enable());
@@ -42,10 +43,10 @@ void finish_tick(Node& node, B& board) {
   if (node.output_ok()) board.watchdog().refresh();
 }
 
-/// Lockstep with `esmc plant`: a tick is a complete set of samples. Until a drive is heard, the request to
-/// arm is repeated every `retry_us`, as by `esmc controller`. States without torque also tick every
-/// `retry_us` without a set, so that commands are taken and stopping ends; but enabling waits for sets and
-/// ends with the fault enabling_timeout after `enabling_us`. The watchdog is refreshed while waiting.
+/// Loop in lockstep with `esmc plant`: one tick per complete set of samples. Until a drive has sent a frame,
+/// the request to arm is repeated every `retry_us`, as by `esmc controller`. States without torque also tick
+/// every `retry_us` without a set, so that commands are taken and stopping ends; but enabling waits for sets
+/// and ends with the fault enabling_timeout after `enabling_us`. The watchdog is refreshed while waiting.
 template <class Node, Board B>
 class LockstepLoop {
  public:
@@ -92,7 +93,7 @@ class LockstepLoop {
   std::uint32_t set_at_us_ = 0;  // last set, or command to enable
 };
 
-/// Real time: tick k begins k periods after the first. Frames that the bus has not taken by then are
+/// Loop in real time: tick k begins k periods after the first. Frames that the bus has not taken by then are
 /// withdrawn where the bus supports it, so that no torque is older than its tick. Before the first arming no
 /// torque frame is sent, not even zero: drives that an earlier controller left armed lose torque by their
 /// watchdogs. A tick that begins half a period late is counted, and the schedule shifts; two in a row, or one
@@ -139,11 +140,12 @@ class TimedLoop {
     seen(result);
     return true;
   }
+  /// Does one turn without a function for the result.
   bool turn() {
     return turn([](const auto&) {});
   }
 
-  /// The latest time of the next turn() on the board's clock.
+  /// Time of the board's clock, us, at which the next turn() is due at the latest.
   [[nodiscard]] std::uint32_t instant_us() const {
     return !asked_ ? next_us_ : (Node::samples_on_demand ? began_us_ + patience_us_ : began_us_);
   }

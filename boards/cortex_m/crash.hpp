@@ -5,8 +5,10 @@
 
 namespace esmc {
 
+/// Word that fills unused stack.
 inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
 
+/// Registers at the last unexpected exception. Valid only while sealed().
 struct CrashRecord {
   static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
   std::uint32_t valid;                                ///< sum() of a complete record
@@ -23,7 +25,7 @@ struct CrashRecord {
     return mark ^
            (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr);
   }
-  [[nodiscard]] bool sealed() const { return valid == sum(); }  ///< a complete record is there
+  [[nodiscard]] bool sealed() const { return valid == sum(); }  ///< the record is complete
   void seal() { valid = sum(); }                                ///< call when all fields are set
   void forget() { valid = 0; }                                  ///< the record is no longer sealed()
 };

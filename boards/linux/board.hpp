@@ -8,6 +8,7 @@
 
 namespace esmc {
 
+/// Bus, contacts and clock of a Linux computer for the loops of node.hpp.
 class LinuxBoard {
  public:
   explicit LinuxBoard(hal::SocketCan& bus) : bus_(bus) {}  ///< `bus` must outlive the board
@@ -15,13 +16,13 @@ class LinuxBoard {
   /// An output that makes a system call only when it changes.
   class Output {
    public:
-    /// False: the kernel refused; the next call tries again.
+    /// Sets the level. False: the kernel refused; the next call tries again.
     bool set(bool high) {
       if (!known_ || high != high_) known_ = line_.set(high);
       high_ = high;
       return known_;
     }
-    [[nodiscard]] hal::GpioLine& line() { return line_; }
+    [[nodiscard]] hal::GpioLine& line() { return line_; }  ///< to be requested before use
 
    private:
     hal::GpioLine line_;
@@ -34,6 +35,7 @@ class LinuxBoard {
   [[nodiscard]] hal::GpioLine& enable() { return enable_; }
   [[nodiscard]] Output& drive_enable() { return drive_enable_; }
   [[nodiscard]] Output& brake() { return brake_; }
+  /// Monotonic time, us; wraps after 71 minutes.
   [[nodiscard]] std::uint32_t now_us() const {
     return static_cast<std::uint32_t>(hal::monotonic_ns() / 1000U);
   }

@@ -11,7 +11,7 @@
 
 namespace esmc {
 
-/// Counts of whole microseconds; a millisecond or more counts as 1000.
+/// Histogram of times in whole microseconds; a millisecond or more falls into the bin 1000.
 class Histogram {
  public:
   void add(std::uint32_t us) {
@@ -19,8 +19,8 @@ class Histogram {
     ++count_;
     if (us > most_) most_ = us;
   }
-  [[nodiscard]] std::uint64_t count() const { return count_; }
-  [[nodiscard]] std::uint32_t most() const { return most_; }  ///< us, not cut at 1000
+  [[nodiscard]] std::uint64_t count() const { return count_; }  ///< values added
+  [[nodiscard]] std::uint32_t most() const { return most_; }    ///< largest value, us, not cut at 1000
   /// The value, us, that a share (0..1) of all does not exceed; 1000: that or more. 0 if nothing was added.
   [[nodiscard]] std::uint32_t quantile(double share) const {
     std::uint64_t seen = 0;
@@ -44,7 +44,8 @@ class Histogram {
   std::uint32_t most_ = 0;
 };
 
-/// A ring of rows that a thread writes to a file; `push` never waits: a full ring drops and counts rows.
+/// A ring of `size` rows that a thread writes to a file. push() never waits: a full ring drops and counts
+/// rows.
 template <class Row, std::size_t size = 16384>
 class Recorder {
  public:
@@ -70,6 +71,7 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
+  /// Adds a copy of a row; drops it if the ring is full. Call from one thread.
   void push(const Row& row) {
     if (!reader_.joinable()) return;
     const std::size_t head = head_.load(std::memory_order_relaxed);
@@ -80,7 +82,7 @@ class Recorder {
     rows_[head % size] = row;
     head_.store(head + 1, std::memory_order_release);
   }
-  [[nodiscard]] std::uint64_t lost() const { return lost_; }  ///< rows that found the ring full
+  [[nodiscard]] std::uint64_t lost() const { return lost_; }  ///< number of dropped rows
   /// Waits until the rest of the ring is written; rows pushed later are dropped. The file stays open.
   void close() {
     over_.store(true, std::memory_order_release);

@@ -14,14 +14,14 @@ namespace esmc {
   return *reinterpret_cast<volatile std::uint32_t*>(address);
 }
 
-/// CMSDK APB UART, polled. Bytes that cannot be sent at once wait in a ring.
+/// CMSDK APB UART, polled, as a hal::BytePort. Bytes that cannot be sent at once wait in a ring.
 class Uart {
  public:
   explicit Uart(std::uint32_t base) : base_(base) {
     reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; ignored by the emulator
     reg(base_ + control) = 3;    // transmitter and receiver on, no interrupts
   }
-  /// Takes all of the bytes. False: they do not fit the ring, none is taken.
+  /// Queues all bytes. False: they do not fit the ring, none is taken.
   bool try_write(std::span<const char> bytes) {
     drain();
     if (bytes.size() > ring_size - 1 - ((head_ - tail_) % ring_size)) return false;
@@ -32,7 +32,7 @@ class Uart {
     drain();
     return true;
   }
-  /// False: no byte has come, `byte` untouched.
+  /// Reads the next received byte. False: there is none, `byte` untouched.
   bool try_read(char& byte) {
     drain();
     if ((reg(base_ + state) & 2U) == 0) return false;
@@ -68,6 +68,7 @@ class Watchdog {
   static constexpr std::uint32_t base = 0x4000'8000U, load = 0, control = 8, clear = 0xC, lock = 0xC00;
 };
 
+/// Bus, watchdog, light and clock of an MPS2 board for the loops of node.hpp.
 class Mps2Board {
  public:
   static constexpr std::uint32_t watchdog_us = 100'000;  ///< of the emulator's time; a tick takes < 1 ms
@@ -81,6 +82,7 @@ class Mps2Board {
   [[nodiscard]] hal::SlcanBus<Uart>& bus() { return bus_; }
   [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }
 
+  /// The light that shows `drive_enable`.
   struct Led {
     void set(bool on) { reg(fpgaio) = on ? 1U : 0U; }
   };

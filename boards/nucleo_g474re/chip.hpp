@@ -12,9 +12,9 @@ namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x4002'2000U;
 
-/// Reading a double word or page whose programming or erasure was cut short gives a non-maskable interrupt
-/// (RM0440, 3.3.4), which must not be a crash at every start. It may come some cycles late; the checksum then
-/// refuses the record.
+/// Reader of flash that may be damaged. Reading a double word or page whose programming or erasure was cut
+/// short gives a non-maskable interrupt (RM0440, 3.3.4), which must not be a crash at every start. It may
+/// come some cycles late; the checksum then refuses the record.
 struct DamagedFlash {
   /// Loads the word at `address`. False, `word` untouched: it is damaged.
   [[nodiscard]] static bool load(Word address, Word& word) {
@@ -28,6 +28,7 @@ struct DamagedFlash {
   }
 };
 
+/// Addresses, pins, clocks and drivers of this board, for stm32/board.hpp.
 struct NucleoG474re {
   static constexpr Word gpio_a = 0x4800'0000U, gpio_b = 0x4800'0400U, rcc = 0x4002'1000U;
   static constexpr Word can_clock_hz = 24'000'000U;    // the crystal: no PLL between it and the bus
@@ -53,7 +54,8 @@ struct NucleoG474re {
     finish_access(rcc + 0x4C);
   }
 
-  /// 24 MHz / 6 x 85 / 2 = 170 MHz, range 1 boost mode. A crystal that stops later gives an NMI (CSS).
+  /// Starts the clocks: 24 MHz / 6 x 85 / 2 = 170 MHz, range 1 boost mode. A crystal that stops later gives
+  /// an NMI (CSS).
   [[nodiscard]] static StartFault start_clocks() {
     set_bits(rcc + 0x58, 1U << 28);  // APB1ENR1: PWR
     set_bits(rcc, 1U << 16);         // CR: HSEON
@@ -86,12 +88,13 @@ struct NucleoG474re {
     return random_word(0x5006'0800U);
   }
 
-  /// FLASH_OPTR.BOR_LEV: below about 1.7, 2.0, 2.2, 2.5 or 2.8 V the chip is held in reset.
+  /// Brown-out level, 0 to 4 (FLASH_OPTR.BOR_LEV): below about 1.7, 2.0, 2.2, 2.5 or 2.8 V the chip is held
+  /// in reset.
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x20) >> 8) & 7U; }
   static constexpr Word brown_out_level_max = 4;
 
-  /// RCC_CSR, flags of the last reset, which are cleared: 31 low power, 30 window watchdog, 29 independent
-  /// watchdog, 28 software, 27 brown-out, 26 pin.
+  /// Flags of the last reset (RCC_CSR), which it clears; bits: 31 low power, 30 window watchdog, 29
+  /// independent watchdog, 28 software, 27 brown-out, 26 pin.
   [[nodiscard]] static Word reset_cause() {
     const Word cause = reg(rcc + 0x94) & 0xFE00'0000U;
     set_bits(rcc + 0x94, 1U << 23);

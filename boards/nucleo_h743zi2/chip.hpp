@@ -9,9 +9,9 @@ namespace esmc::stm32 {
 
 inline constexpr Word flash_base = 0x5200'2000U;
 
-/// Reading a flash word or sector whose programming or erasure was cut short gives a bus fault, which must
-/// not be a crash at every start. With CCR.BFHFNMIGN and FAULTMASK the load ignores it, and the status
-/// registers show it.
+/// Reader of flash that may be damaged. Reading a flash word or sector whose programming or erasure was cut
+/// short gives a bus fault, which must not be a crash at every start. With CCR.BFHFNMIGN and FAULTMASK the
+/// load ignores it, and the status registers show it.
 struct DamagedFlash {
   /// Loads the word at `address`. False, `word` untouched: it is damaged.
   [[nodiscard]] static bool load(Word address, Word& word) {
@@ -31,6 +31,7 @@ struct DamagedFlash {
   }
 };
 
+/// Addresses, pins, clocks and drivers of this board, for stm32/board.hpp.
 struct NucleoH743zi2 {
   static constexpr Word gpio_b = 0x5802'0400U, gpio_d = 0x5802'0C00U, gpio_e = 0x5802'1000U,
                         rcc = 0x5802'4400U, pwr = 0x5802'4800U;
@@ -57,8 +58,8 @@ struct NucleoH743zi2 {
     finish_access(rcc + 0xE0);
   }
 
-  /// 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, possible with every revision of the chip; buses at 200 and
-  /// 100 MHz; 40 MHz for the CAN controller from the same PLL.
+  /// Starts the clocks: 8 MHz x 100 / 2 = 400 MHz at voltage scale 1, possible with every revision of the
+  /// chip; buses at 200 and 100 MHz; 40 MHz for the CAN controller from the same PLL.
   [[nodiscard]] static StartFault start_clocks() {
     set_field(pwr + 0x0C, 7, 2);  // CR3: the internal regulator, and no other source
     if (!await(pwr + 0x04, 1U << 13, 1U << 13)) return StartFault::core_voltage;
@@ -105,12 +106,13 @@ struct NucleoH743zi2 {
     return random_word(0x4802'1800U);
   }
 
-  /// FLASH_OPTSR_CUR.BOR_LEV: below about 1.7, 2.1, 2.4 or 2.7 V the chip is held in reset.
+  /// Brown-out level, 0 to 3 (FLASH_OPTSR_CUR.BOR_LEV): below about 1.7, 2.1, 2.4 or 2.7 V the chip is held
+  /// in reset.
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x1C) >> 2) & 3U; }
   static constexpr Word brown_out_level_max = 3;
 
-  /// RCC_RSR, flags of the last reset, which are cleared: 28 window watchdog, 26 independent watchdog, 24
-  /// software, 23 power, 22 pin, 21 brown-out.
+  /// Flags of the last reset (RCC_RSR), which it clears; bits: 28 window watchdog, 26 independent watchdog,
+  /// 24 software, 23 power, 22 pin, 21 brown-out.
   [[nodiscard]] static Word reset_cause() {
     const Word cause = reg(rcc + 0xD0) & 0xFFFE'0000U;
     set_bits(rcc + 0xD0, 1U << 16);

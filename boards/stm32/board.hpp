@@ -10,9 +10,10 @@ namespace esmc::stm32 {
 /// The CAN controller whose interrupt is enabled; null before.
 inline Chip::Can* interrupting_can = nullptr;
 
+/// Bus, watchdog, pins, clock, console and slots of a NUCLEO board for the loops of node.hpp.
 class NucleoBoard {
  public:
-  /// Pins first, so that outputs are low; then the console, on the internal oscillator.
+  /// Sets up the pins first, so that outputs are low; then the console, on the internal oscillator.
   NucleoBoard() {
     Chip::start_ports();
     for (const Pin& output : {Chip::drive_enable, Chip::brake, Chip::light}) output.output_low();
@@ -21,7 +22,7 @@ class NucleoBoard {
     cause_ = Chip::reset_cause();
     console_.start(Chip::reset_clock_hz);
   }
-  /// Starts the clocks. Returns `none`, or the step that failed, the last done.
+  /// Starts the clocks. Returns `none`, or the step that failed, at which it stopped.
   [[nodiscard]] StartFault start() {
     if (const StartFault fault = Chip::start_clocks(); fault != StartFault::none) return fault;
     console_.start(Chip::console_clock_hz);
@@ -49,7 +50,7 @@ class NucleoBoard {
   [[nodiscard]] Chip::Slots& slots() { return slots_; }
   [[nodiscard]] Word now_us() const { return microseconds(); }  ///< since start(), wraps after 71 minutes
   [[nodiscard]] Console& console() { return console_; }
-  /// Flags of the last reset, chip specific.
+  /// Flags of the last reset: see Chip::reset_cause().
   [[nodiscard]] Word reset_cause() const { return cause_; }
 
  private:

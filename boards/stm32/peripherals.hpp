@@ -8,13 +8,15 @@ namespace esmc::stm32 {
 
 using Word = std::uint32_t;
 
+/// The register at an absolute address.
 [[nodiscard]] inline volatile Word& reg(Word address) { return *reinterpret_cast<volatile Word*>(address); }
 inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bits; }
 /// Replaces the bits of `mask` by those of `value`, which has no others: not checked.
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
-/// Reads back a register of the clock control: a clock that was switched on runs then.
+/// Reads a register of the clock control back, after which a clock that was switched on runs.
 inline void finish_access(Word address) { [[maybe_unused]] const Word read_back = reg(address); }
-/// Waits until the bits of `mask` are `value`. False: not within about half a second (internal oscillator).
+/// Waits until the bits of `mask` in a register are `value`. False: not within about half a second (internal
+/// oscillator).
 [[nodiscard]] inline bool await(Word address, Word mask, Word value) {
   for (int n = 0; n < 1'000'000; ++n) {
     if ((reg(address) & mask) == value) return true;
@@ -52,11 +54,12 @@ struct Pin {
     set_field(port + 0x08, 3U << (2 * number), 2U << (2 * number));  // fast edges
     set_field(port, 3U << (2 * number), 2U << (2 * number));
   }
+  /// True if an input is high (hal::DigitalInput); set(): level of an output (hal::DigitalOutput).
   [[nodiscard]] bool closed() const { return ((reg(port + 0x10) >> number) & 1U) != 0; }
   void set(bool on) const { reg(port + 0x18) = 1U << (on ? number : number + 16); }
 };
 
-/// Alternate function of a pin.
+/// Pin and the number of its alternate function, for Pin::alternate().
 struct Function {
   Pin pin;
   Word number;
@@ -71,6 +74,7 @@ inline void start_microseconds(Word timer_hz) {
   reg(tim2 + 0x14) = 1;                           // EGR: load both
   reg(tim2) = 1;                                  // CR1: count
 }
+/// The counter of start_microseconds(), us.
 [[nodiscard]] inline Word microseconds() { return reg(0x4000'0024U); }
 
 /// The independent watchdog with its own oscillator (32 kHz within some per cent). Only a reset stops it.
@@ -96,7 +100,7 @@ class IndependentWatchdog {
 class Console {
  public:
   explicit constexpr Console(Word base) : base_(base) {}
-  /// Sets the rate for a peripheral clock of clock_hz and starts; again when that clock changes.
+  /// Starts the line with a peripheral clock of clock_hz; call again when that clock changes.
   void start(Word clock_hz) const {
     reg(base_) = 0;                           // the rate can be set while it is off
     reg(base_ + 0x0C) = clock_hz / 115'200U;  // BRR
@@ -116,7 +120,7 @@ class Console {
     while (n > 0) put(digits[--n]);
     return *this;
   }
-  /// Eight digits, without a prefix.
+  /// Appends a number as eight hexadecimal digits, without a prefix.
   Console& hex(Word value) {
     for (int shift = 28; shift >= 0; shift -= 4)
       put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
@@ -138,7 +142,8 @@ class Console {
   char ring_[size] = {};
 };
 
-/// CAN controller: registers by byte offset from `base`, message memory by word index from `ram`.
+/// hal::FdcanAccess of a CAN controller: registers by byte offset from `base`, message memory by word index
+/// from `ram`.
 template <Word base, Word ram>
 struct FdcanMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }
@@ -147,8 +152,8 @@ struct FdcanMemory {
   void write_ram(Word at, Word value) { reg(ram + 4 * at) = value; }
 };
 
-/// Flash interface and memory. read, write: a register, byte offset from `base`; load, store: an absolute
-/// address in the flash. `Guard::load` returns false for a damaged word.
+/// hal::flash::Access to flash interface and memory. read, write: a register, byte offset from `base`; load,
+/// store: an absolute address in the flash. `Guard::load` returns false for a damaged word.
 template <Word base, class Guard>
 struct FlashMemory {
   [[nodiscard]] Word read(Word at) const { return reg(base + at); }

@@ -9,6 +9,7 @@
 
 namespace esmc {
 
+/// hal::ZynqmpCanAccess: registers by byte offset from `base`.
 template <std::uint32_t base>
 struct Registers {
   [[nodiscard]] std::uint32_t read(std::uint32_t at) const {
@@ -19,6 +20,7 @@ struct Registers {
   }
 };
 
+/// Bus and clock of a ZCU102 for the lockstep loop of node.hpp.
 class Zcu102Board {
  public:
   /// The emulator's registers hold frames in another layout.
