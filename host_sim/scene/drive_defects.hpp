@@ -10,6 +10,7 @@
 
 namespace esmc::host {
 
+/// Defects of one emulated drive; meanings in defect_names.
 struct Defects {
   bool watchdog_off = false;
   bool watchdog_any_frame = false;
@@ -36,6 +37,7 @@ struct Defects {
   bool timeout_damps = false;
 };
 
+/// Name, protocols and meaning of a defect.
 struct DefectName {
   std::string_view name;
   bool Defects::*flag;
@@ -118,7 +120,7 @@ inline constexpr std::array defect_names{
 /// Receive buffer of firmware that ignores the length of frames; 0 at first.
 class StaleBytes {
  public:
-  /// Returns `f` padded to eight bytes with those of the frames before, and keeps its own.
+  /// Returns `f` padded to eight bytes with those of the frames before, and stores its own bytes.
   hal::CanFrame fill(hal::CanFrame f) {
     for (std::uint8_t i = 0; i < f.size && i < hal::can_classic_size_max; ++i) last_[i] = f.data[i];
     for (std::uint8_t i = 0; i < hal::can_classic_size_max; ++i) f.data[i] = last_[i];

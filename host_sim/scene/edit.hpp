@@ -1,5 +1,5 @@
 #pragma once
-/// Edits of a scene that a command writes with the values it has found.
+/// Edits of a scene file by commands that write values which they have computed.
 
 #include <toml++/toml.h>
 
@@ -12,6 +12,7 @@ namespace esmc::host {
 
 /// An inline table with the keys of a leg.
 toml::table leg_table(const LegParams<double>& leg);
+/// A TOML array of these numbers.
 toml::array number_array(const std::vector<double>& values);
 /// The sub-table `name`, created if it is not there.
 toml::table& sub_table(toml::table& of, const std::string& name);

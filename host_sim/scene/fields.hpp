@@ -25,7 +25,7 @@ Part& part_of(Scene& s) {
     return std::get<Part&>(std::tie(s, s.mechanism, s.model, s.reference, s.initial, s.limits, s.drives));
   }
 }
-/// The field of that part.
+/// The field of the part_of() a scene that has it.
 template <class Part, class T>
 T& field_of(Scene& s, T Part::*field) {
   return part_of<Part>(s).*field;
@@ -57,7 +57,8 @@ void take(Section& s, const std::string& key, std::optional<T>& to) {
   if (s.given(key)) to = value_of<T>(s, key);
 }
 
-/// Fails where dry friction would push in one direction: |asymmetry| above `torque`, the value of `key`.
+/// Throws InputError where dry friction would push in one direction: |asymmetry| above `torque`, the value of
+/// `key`.
 inline void require_friction(const Section& s, const PerJoint& torque, const PerJoint& asymmetry,
                              const char* key) {
   for (std::size_t i = 0; i < torque.size(); ++i)

@@ -12,6 +12,7 @@ namespace esmc::host {
 class Section;
 struct Scene;
 
+/// An entry of the key table.
 struct Key {
   std::string_view path;  ///< "section.key"; variants of a section in brackets: "reference[circle].radius"
   std::string_view kind;  ///< number, integer, string, boolean, numbers, integers, table, ...
@@ -22,12 +23,12 @@ struct Key {
   bool low_open = false;     ///< the lower bound itself is not allowed
   std::string_view choices;  ///< allowed strings, separated by " | "
   std::string_view meaning;
-  /// Reads it into the field that it alone decides; null: the reader of its section does.
+  /// Reads the key into the field that it alone determines; null: the reader of its section reads it.
   void (*read)(Section& section, const std::string& key, Scene& scene) = nullptr;
 };
 
-std::span<const Key> scene_keys();  ///< valid for ever
-/// Keys of the scenes of `esmc spatial`.
+std::span<const Key> scene_keys();  ///< the table; static
+/// The key table of the scenes of `esmc spatial`; static.
 std::span<const Key> spatial_keys();
 /// Returns the entry of a key. Throws std::logic_error where there is none: a reader is wrong.
 const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());

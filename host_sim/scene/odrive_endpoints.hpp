@@ -10,6 +10,7 @@
 
 namespace esmc::host {
 
+/// Settings of an ODrive that are read back.
 enum class OdriveValue : std::uint8_t {
   enable_watchdog,
   watchdog_timeout,  // s
@@ -22,6 +23,7 @@ enum class OdriveValue : std::uint8_t {
   current_limit,      // A
   heartbeat_period,   // ms; 0: none
 };
+/// Path of a setting in the vendor's file, and its type.
 struct OdriveValueName {
   OdriveValue value;
   const char* path;
@@ -44,6 +46,7 @@ inline constexpr auto odrive_values = [] {
   }};
 }();
 
+/// Number of the endpoint of a setting.
 struct OdriveEndpoint {
   OdriveValue value;
   std::uint16_t id;

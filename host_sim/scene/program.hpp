@@ -1,5 +1,5 @@
 #pragma once
-/// [reference] type = "program": moves one after another. Plain values.
+/// [reference] type = "program": a sequence of moves. Plain values.
 
 #include <array>
 #include <cstddef>
@@ -14,7 +14,7 @@
 
 namespace esmc::host {
 
-/// Ways from one point to the next.
+/// Shapes of a move.
 enum class MoveKind {
   joint,   ///< straight in the base joints
   line,    ///< straight in the plane
@@ -25,6 +25,7 @@ enum class MoveKind {
 template <>
 inline constexpr auto names_of<MoveKind> = std::array{"joint", "line", "arc", "spline", "dwell"};
 
+/// One move of a program.
 struct MoveScene {
   MoveKind kind = MoveKind::line;
   std::array<double, 2> to{};                       ///< effector, m; joint: base joints, rad
@@ -36,13 +37,14 @@ struct MoveScene {
   std::vector<int> working_mode;                    ///< joint: at the end, per leg; empty: not stated
   std::map<std::string, std::string> where;         ///< FILE:LINE of each key; "": of the move
 
+  /// FILE:LINE of a key, or of the move where the key is absent.
   [[nodiscard]] std::string place(const std::string& key) const {
     const auto found = where.find(key);
     return found != where.end() ? found->second : where.at("");
   }
 };
 
-/// A program and what it is planned with, as the file states it: a plant drawn at random keeps the plan.
+/// A program and the values of the file that it is planned with: a plant drawn at random keeps the plan.
 struct ProgramScene {
   std::optional<std::array<double, 2>> from;  ///< effector, m; unset: where the scene starts
   std::vector<MoveScene> moves;

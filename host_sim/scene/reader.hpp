@@ -46,13 +46,14 @@ class Section {
   bool given(const std::string& key) { return find(key, false) != nullptr; }
   /// Reads every key of this table whose entry in the key table names a field; see fields.hpp.
   void read_fields(Scene& scene);
-  [[nodiscard]] bool empty() const { return table_->empty(); }
+  [[nodiscard]] bool empty() const { return table_->empty(); }  ///< the table has no key
   /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, and every --set in it.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
   /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
   [[nodiscard]] std::string where(const std::string& key, const std::vector<std::string>& others) const;
 
+  /// Reads a value of the type that the name says; errors and defaults as in the class comment.
   double number(const std::string& key);
   std::optional<double> optional_number(const std::string& key);
   int integer(const std::string& key);
@@ -74,7 +75,7 @@ class Section {
   std::vector<int> integers(const std::string& key, std::size_t size);
   /// As numbers(); one number stands for all of them.
   std::vector<double> alike(const std::string& key, const std::vector<std::size_t>& sizes);
-  std::array<double, 2> pair(const std::string& key);
+  std::array<double, 2> pair(const std::string& key);  ///< reads [a, b]
   /// Reads an array of `least` or more pairs [a, b]. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t least = 2);
   /// Reads an array of `size` strings, each one of the key's choices; the key must be without a default.
@@ -149,8 +150,7 @@ class Section {
   std::set<std::string> asked_;
 };
 
-/// Calls read() and throws all errors of the file, or the one that read() threw, which may follow from
-/// others.
+/// Calls read(), then throws InputErrors if the file of `root` has errors(); else what read() itself threw.
 template <class F>
 void read_whole(const Section& root, F&& read) {
   try {

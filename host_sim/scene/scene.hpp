@@ -27,16 +27,16 @@ struct PerKind {
   double angle = 0.0;
 };
 
-/// The controller's belief as factors on the true mechanism.
+/// The controller's model as factors on the true mechanism.
 struct ModelFactors {
   double half_base = 1, effector_mass = 1, gravity = 1;
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
   PerJoint viscous{}, coulomb{},
       asymmetry{};                     ///< believed friction, N m s/rad, N m; unused with exact_friction
-  PerJoint torque_factor{1, 1, 1, 1};  ///< torque that motor i gives over that asked of it
+  PerJoint torque_factor{1, 1, 1, 1};  ///< given over commanded torque of motor i
   PerJoint ripple_amplitude{}, ripple_per_turn{}, ripple_phase{};  ///< of motor i, N m, -, rad
-  /// The model assumes ideal motors.
+  /// True if the model assumes ideal motors.
   [[nodiscard]] bool plain_motors() const {
     return torque_factor == PerJoint{1, 1, 1, 1} && ripple_amplitude == PerJoint{};
   }
@@ -57,15 +57,16 @@ inline constexpr LegKey leg_keys[] = {{"l1", &LegParams<double>::l1, &ModelFacto
                                       {"J1", &LegParams<double>::J1, &ModelFactors::J1},
                                       {"J2", &LegParams<double>::J2, &ModelFactors::J2}};
 
-/// A point of a reference file: time and effector position.
+/// A point of a reference file: time, s, and effector position, m.
 struct PathPoint {
   double t, x, y;
 };
 
+/// [reference].
 struct ReferenceScene {
   ReferenceType type = ReferenceType::none;
-  std::array<double, 2> center{};
-  double radius = 0.0, speed = 0.0, phase = 0.0;  // circle; speed of a polyline is m/s
+  std::array<double, 2> center{};                 // circle, m
+  double radius = 0.0, speed = 0.0, phase = 0.0;  // circle: m, rad/s, rad; polyline: speed in m/s
   std::vector<std::array<double, 2>> points;      // line (two), polyline
   double duration = 0.0;                          // line: one way, s
   bool repeat = false;                            // line, polyline, program: back and forth, round and round
@@ -95,6 +96,7 @@ struct Companion {
 inline constexpr std::array companion_names{endpoints_copy, model_copy,
                                             reference_copy};  ///< as the digest has them
 
+/// [initial]: start at the reference, at an effector position (m, m/s), or at joints (rad, rad/s).
 struct InitialScene {
   bool at_reference = true;
   std::optional<std::array<double, 2>> position;
@@ -102,6 +104,7 @@ struct InitialScene {
   std::vector<double> joints, joint_rates;  // two base joints or all four; RR: two
 };
 
+/// [drives] and [sensors]; lists have one entry per drive, motors first, unless stated.
 struct DriveScene {
   Protocol protocol = Protocol::odrive;
   std::vector<int> nodes;
@@ -148,13 +151,14 @@ struct CommandScene {
   std::array<double, 2> lambda{}, gain{};  // lower, upper; equal: cannot be written
 };
 
+/// [limits].
 struct LimitsScene {
   double min_abs_sin_type1 = 0, min_abs_sin_type2 = 0, joint_speed = 0, closure = 0;  // 1, 1, rad/s, m
   std::optional<std::array<std::array<double, 2>, 2>> workspace;                      // x, y: lower, upper
   std::optional<std::array<std::array<double, 2>, 2>> joint_angle;                    // per base joint
   int max_age_ticks = 0;
-  double feedback_jump = 0;              // rad per tick; 0: any
-  double join_acceleration = 0;          // rad/s2, base joints; 0: any
+  double feedback_jump = 0;              // rad per tick; 0: not checked
+  double join_acceleration = 0;          // rad/s2, base joints; 0: not checked
   double halt_time = 0, lower_time = 0;  // s
   AfterHalt after_halt = AfterHalt::release;
 };
@@ -164,6 +168,7 @@ struct LimitsScene {
   return p.legs[0].rotor2 > 0.0 || p.legs[1].rotor2 > 0.0;
 }
 
+/// A scene as read, with every default; SI units.
 struct Scene {
   std::string file;
   std::string name;
@@ -228,14 +233,14 @@ struct Scene {
   std::vector<double> start_angle, start_rate;
 
   [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }  ///< passive ones too
-  [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }
+  [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }                ///< number of motors
   /// Whether a controller computes the torques: the law is neither open_loop nor none.
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
   /// Whether the law has a sliding surface and a switching gain: esmc, esmc_projected, smc.
   [[nodiscard]] bool sliding() const { return law <= LawChoice::smc; }
-  /// Whether the ODrive protocol carries the drives, of either firmware.
-  /// A console homes before it arms: emulated encoders then begin without their zero as well.
+  /// True if a console homes before it arms: emulated encoders then begin without their zero as well.
   [[nodiscard]] bool homes() const { return !drives.homing_speed.empty() && command && command->arm_by_link; }
+  /// True if the drives are ODrives, of either firmware.
   [[nodiscard]] bool odrive() const {
     return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
   }

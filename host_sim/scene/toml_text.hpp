@@ -22,8 +22,7 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
 /// Merges overrides into a parsed scene, as parse_scene_text does.
 void merge_overrides(toml::table& scene, const std::vector<std::string>& sets);
 
-/// While this object exists, this thread reads `text` in place of the file `file`. Both outlive it; one at a
-/// time.
+/// While it exists, this thread reads `text` in place of the file `file`. Both outlive it; one at a time.
 class ReadBefore {
  public:
   ReadBefore(const std::string& file, const std::string& text);

@@ -6,17 +6,17 @@
 
 namespace esmc::host {
 
-/// lower <= upper.
+/// A closed interval, lower <= upper.
 struct Interval {
   double lower = 0.0, upper = 0.0;
   friend bool operator==(const Interval&, const Interval&) = default;
 };
 
-/// Intervals of the truth around what the controller believes; the same for both legs, friction excepted.
+/// Intervals of true parameters around those of the model; equal for both legs, except friction.
 struct UncertaintyScene {
-  Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< truth / belief
-  Interval lg1, lg2;                                ///< truth - belief, m
-  Interval gravity{1, 1};                           ///< truth / belief
+  Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< true / assumed
+  Interval lg1, lg2;                                ///< true - assumed, m
+  Interval gravity{1, 1};                           ///< true / assumed
   Interval payload;  ///< point mass at the effector beyond the believed one, kg
   /// Of the four joints (RR: the first two), N m s/rad and N m; unset: as the controller believes.
   std::optional<std::array<Interval, 4>> viscous, coulomb;
