@@ -11,6 +11,7 @@
 
 namespace esmc::host {
 
+/// Motion of a shaft or joint: rad, rad/s.
 struct Shaft {
   double angle = 0.0, rate = 0.0;
 };
@@ -20,23 +21,23 @@ class Drivetrain {
  public:
   static constexpr int most_states = 3;
 
-  /// `motor`: index in the order of [drives], below 4. `flank`: the flank of a gear with play that presses
-  /// (+1, -1; 0: none) is what it says, not what the state says; it outlives this. Copies the rest.
+  /// `motor`: index in the order of [drives], below 4. `flank`, if not null: which
+  /// flank of a gear with play presses (+1, -1; 0: none), in place of the state; it must outlive this object.
   Drivetrain(const std::vector<Effect>& effects, std::size_t motor, const int* flank = nullptr);
-  [[nodiscard]] bool empty() const { return stages_.empty(); }
-  [[nodiscard]] std::size_t states() const { return states_; }
-  /// Sets `own`, states() zeros before: the rotor moves with the joint, in the middle of its play.
+  [[nodiscard]] bool empty() const { return stages_.empty(); }  ///< the torque passes unchanged
+  [[nodiscard]] std::size_t states() const { return states_; }  ///< number of states, <= most_states
+  /// Sets initial states `own`, states() zeros before: the rotor moves with the joint, in mid play.
   void start(Shaft joint, std::span<double> own) const;
   /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
   double pass(double torque, Shaft joint, std::span<const double> own, std::span<double> slope) const;
-  /// > 0 where the state has flank `side` pressing, rad; of a drivetrain with play only.
+  /// Depth, rad, by which flank `side` (+1, -1) presses; <= 0: no contact. Only with has_play().
   [[nodiscard]] double contact(int side, Shaft joint, std::span<const double> own) const {
     const Shaft at = rotor(joint, own);
     const double pressed = side * (at.angle - joint.angle) - play_.half_gap;
     if (!(pressed > 0.0)) return pressed;
     return pressed + std::min(0.0, play_.damping / play_.stiffness * side * (at.rate - joint.rate));
   }
-  [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }
+  [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }  ///< a stage has a gap
   /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
   /// joint. `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {

@@ -70,7 +70,7 @@ struct TorqueLag {
   static constexpr const char* type = "torque_lag";
   double time_constant = 0.0;  ///< s
 };
-/// The torque at the joint cannot exceed a limit, whatever is asked.
+/// The torque at the joint is clamped to +-limit.
 struct TorqueSaturation {
   static constexpr const char* type = "torque_saturation";
   double limit = 0.0;  ///< N m at the joint
@@ -110,7 +110,7 @@ struct SensorBias {
   PerJoint angle{};  ///< rad, per joint
   bool operator==(const SensorBias&) const = default;
 };
-/// What the drive reports is old.
+/// The drive reports the reading of `ticks` ticks ago.
 struct SensorDelay {
   static constexpr const char* type = "delay";
   int ticks = 0;
@@ -132,11 +132,11 @@ struct ComputeDelay {
 
 // ---- bus: `from`, `to` in s since t = 0; while arming only what begins before 0 acts ----
 
-/// A span of time in which something acts.
+/// Span of time in which an effect acts.
 struct Span {
   double from = 0.0, to = 0.0;  ///< s
 };
-/// Frames take as long as their bits, one at a time, the smallest identifier first.
+/// Frames take the time of their bits, one at a time, in the order of arbitration.
 struct BitTiming {
   static constexpr const char* type = "bit_timing";
 };
@@ -170,7 +170,7 @@ struct BabblingNode {
   double rate_hz = 0.0;  ///< more than the bus carries: it is always ready with the next one
   Span when{};
 };
-/// The CAN controller of a node gives up.
+/// The CAN controller of a node goes bus-off.
 struct BusOff {
   static constexpr const char* type = "bus_off";
   double at = 0.0;       ///< s
@@ -203,7 +203,7 @@ template <class T>
   return std::nullopt;
 }
 
-/// Whether an effect acts on a bus: it needs one that this program carries frame by frame.
+/// True for effects on frames: they need the virtual bus.
 [[nodiscard]] inline bool acts_on_bus(const Effect& e) {
   return std::holds_alternative<BitTiming>(e) || std::holds_alternative<Loss>(e) ||
          std::holds_alternative<Duplication>(e) || std::holds_alternative<Corruption>(e) ||

@@ -12,7 +12,7 @@
 
 namespace esmc::host {
 
-/// In turns of the shaft and turns per second.
+/// Reading of a shaft, in turns and turns per second.
 struct ShaftReading {
   double position_rev, velocity_rev_s;
 };
@@ -32,6 +32,7 @@ struct SensorEffects {
   [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }  ///< no effect
 };
 
+/// The sensor of one shaft: turns its true motion into the drive's readings, once per period.
 class ShaftSensor {
  public:
   /// `period` between readings, s; `rev_per_rad`: turns of the shaft per radian of the joint, signed; `joint`
@@ -47,8 +48,7 @@ class ShaftSensor {
     decay_ = std::exp(-bandwidth_ * step_);
   }
 
-  /// Resets to a shaft that has moved at constant speed for long and is now at `truth`. Call before the first
-  /// read().
+  /// Resets as after a long motion at constant speed that has reached `truth`. Call before the first read().
   void settle(const ShaftReading& truth) {
     previous_ = truth;
     position_ = measured(truth.position_rev);
@@ -73,7 +73,7 @@ class ShaftSensor {
     return now;
   }
 
-  /// What the next reading depends on but for the delay, turns and turns/s; to linearise the sensor.
+  /// The states of the sensor without its delay, in turns and turns/s, for a linearisation.
   [[nodiscard]] std::array<double*, 4> states() {
     return {&previous_.position_rev, &previous_.velocity_rev_s, &position_, &velocity_};
   }
