@@ -11,26 +11,28 @@
 
 namespace esmc::host {
 
-/// A run over a scene with its `resolution`.
+/// Result of one run of a scene with its `resolution`.
 struct Pass {
   std::vector<double> rows;  ///< q at ticks 0, stride, 2 stride, ...; the last row is the final state
   Effort effort;
   bool interrupted = false;
 
+  /// Adds a row.
   template <class Values>
   void add(const Values& q) {
     rows.insert(rows.end(), q.begin(), q.end());
   }
 };
 
-/// Of the rows of a pass: all for "trajectory", else some, which guard against agreement by chance.
+/// Ticks between the rows of a pass: 1 for "trajectory", else more; rows guard against agreement by chance.
 [[nodiscard]] std::uint32_t row_stride(const Scene& scene, std::uint32_t ticks);
 
 /// Runs a scene. `recorded`: this may be the pass that counts, so it keeps statistics and log; the last such
 /// pass is the accepted one. Throws Diverged.
 using RunPass = std::function<Pass(const Scene& scene, bool recorded)>;
 
-/// Sets scene.method and scene.resolution to what the last pass had. Throws RunError where the accuracy
+/// Repeats run() with finer resolution until two passes agree to simulation.accuracy; sets scene.method and
+/// scene.resolution to those of the last pass. Throws RunError where the accuracy
 /// cannot be met, with the reason. `width`: numbers per row.
 AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run);
 

@@ -18,7 +18,7 @@ namespace esmc::host {
 
 // Samples and results of a controller in single precision as doubles, for records.
 
-/// M and C: the same mechanism in double and in the controller's scalar type.
+/// A result with its numbers in double. M, C: the mechanism in double and in the controller's scalar type.
 template <class M, class C>
 TickResult<M> in_double(const TickResult<C>& r) {
   TickResult<M> out;
@@ -45,7 +45,7 @@ Sample<M> in_double(const Sample<C>& s) {
   return out;
 }
 
-/// `C`: the mechanism in the controller's scalar type.
+/// The cycle of a scene on its bus, with waiting, arming, shutting down. `C`: mechanism in its scalar type.
 template <class World, class Bus, class C = typename World::Mechanism>
 class ControllerEnd {
  public:
@@ -74,9 +74,11 @@ class ControllerEnd {
   [[nodiscard]] const Supervisor& supervisor() const {
     return with([](const auto& c) -> const Supervisor& { return c.supervisor(); });
   }
+  /// The sliding surfaces of the controller, for the record.
   [[nodiscard]] std::vector<Surface> surfaces() const {
     return with([&](const auto& c) { return surfaces_of<World>(scene_, c.controller().config()); });
   }
+  /// Measurements of the last tick.
   [[nodiscard]] const Sample<M>& sample() const {
     if constexpr (std::is_same_v<C, M>) {
       return with([](const auto& c) -> const Sample<M>& { return c.sample(); });
@@ -99,26 +101,27 @@ class ControllerEnd {
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
   /// The first fault of a tick, with joint and node.
   [[nodiscard]] const std::optional<FaultRecord>& fault() const { return fault_; }
-  /// See DriveReports.
+  /// DriveReports::odd_encoder(): the joint whose encoder contradicts the others.
   [[nodiscard]] std::string odd_encoder() const { return reports_.odd_encoder(cycle_); }
-  /// Shuts down and throws RunError where arming was refused.
+  /// Throws RunError, after shut_down(next), if a fault ended arming.
   void require_armed(const std::function<bool()>& next) {
     if (supervisor().state() != State::fault) return;
     const std::string why = reports_.refusal(cycle_);
     shut_down(next);
     throw RunError("the controller refused to arm: " + why);
   }
-  /// See DriveReports.
+  /// DriveReports::unready(): the drives that have not confirmed torque control.
   [[nodiscard]] std::string unready() const { return reports_.unready(cycle_); }
-  /// See DriveReports.
+  /// DriveReports::limits_unread(): the drives whose torque limit was not read back.
   [[nodiscard]] std::string limits_unread() const { return reports_.limits_unread(cycle_); }
+  /// Result and sample of the last tick for a recorder; valid until the next tick.
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
   /// Reads frames until every axis has sent its sample, or more came than a tick may read (bus_overload).
   Waited await_samples() {
     return wait_for(bus_, [&] { return receive_samples(); });
   }
-  /// Asks the drives to arm, every `retry`, until one answers or a fault is latched: done. Silent: after 5 s.
+  /// Requests arming every `retry` until a drive answers or a fault is latched (done), or 5 s (silent).
   Waited await_drives(std::chrono::milliseconds retry) {
     const auto answered = [&] {
       receive();
@@ -133,10 +136,11 @@ class ControllerEnd {
     }
     return w;
   }
-  /// Reads the waiting frames. tick() acts on them; `answer`: it sends torque commands.
+  /// Reads the waiting frames, for tick().
   void receive() {
     with([&](auto& c) { c.receive(bus_); });
   }
+  /// One tick of the cycle. `answer`: it sends torque commands.
   void tick(bool answer) {
     with([&](auto& c) {
       if constexpr (std::is_same_v<C, M>) {
@@ -150,16 +154,16 @@ class ControllerEnd {
     finder_.see(result_, sample());
     if (finder_.found() && !fault_) {
       fault_ = finder_.found();
-      reports_.blame(cycle_, expected_, *fault_);
+      reports_.add_details(cycle_, expected_, *fault_);
     }
     expected_ += (result_.torque - expected_) / (scene_.drives.torque_time * scene_.rate_hz + 1.0);
   }
-  /// Lateness of the coming tick, s.
+  /// Sets the lateness of the coming tick, s, for its record.
   void late_by(double seconds) {
     with([&](auto& c) { c.late_by(static_cast<std::uint32_t>(std::clamp(1e6 * seconds, 0.0, 1e9))); });
   }
-  /// Begins a tick against the clock: reads the waiting frames and, where the drives sample on demand, asks
-  /// them and waits for their answers, no longer than `patience`.
+  /// Begins a tick in real time: reads the waiting frames and, where the drives sample on demand, requests
+  /// samples and waits for them, no longer than `patience`.
   void sample(std::chrono::microseconds patience) {
     if constexpr (requires { bus_.look(); }) bus_.look();
     receive();
@@ -168,7 +172,7 @@ class ControllerEnd {
     const auto deadline = std::chrono::steady_clock::now() + patience;
     while (!receive_samples() && std::chrono::steady_clock::now() < deadline) (void)wait_for_frame(bus_, 0);
   }
-  /// Asks the drives to arm, in a tick without torque commands.
+  /// Repeats the request to arm, in a tick without torque commands.
   void request_arming() {
     with([](auto& c) { c.ask_again(); });
     tick(false);
@@ -177,8 +181,8 @@ class ControllerEnd {
   void stop() {
     with([](auto& c) { c.command(Command::stop); });
   }
-  /// Zero torque and the order to go idle, until every drive reports idle or has been silent for too long.
-  /// `next` brings about the next tick; false: there is none.
+  /// Orders zero torque and idle drives and ticks until every drive reports idle, within
+  /// drives.heartbeat_timeout (0.05 to 1 s). `next` waits for the next tick; false: there is none.
   void shut_down(const std::function<bool()>& next) {
     stop();
     tick(true);
@@ -188,7 +192,7 @@ class ControllerEnd {
       tick(true);
     }
   }
-  /// Shuts down as above; each tick waits at most 20 ms for the samples of the other end.
+  /// shut_down(next), where each tick waits at most 20 ms for the samples of the other end.
   void shut_down() {
     shut_down([&] { return await_last_samples(); });
   }

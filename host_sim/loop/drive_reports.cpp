@@ -74,10 +74,11 @@ std::string DriveReports<World, C>::limits_unread(const AnyCycle<C>& cycle) cons
 }
 
 template <class World, class C>
-void DriveReports<World, C>::blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const {
+void DriveReports<World, C>::add_details(const AnyCycle<C>& cycle, const Torques& expected,
+                                         FaultRecord& f) const {
   std::visit(
       [&](const auto& c) {
-        for (int i = static_cast<int>(nodes_.size()) - 1; i >= 0; --i) blame(c.axis(i), i, expected, f);
+        for (int i = static_cast<int>(nodes_.size()) - 1; i >= 0; --i) add_details(c.axis(i), i, expected, f);
       },
       cycle);
 }
@@ -141,7 +142,8 @@ std::string DriveReports<World, C>::reported(const Axis& a, bool motor) const {
 /// Adds what axis i knows of the fault.
 template <class World, class C>
 template <class Axis>
-void DriveReports<World, C>::blame(const Axis& a, int i, const Torques& expected, FaultRecord& f) const {
+void DriveReports<World, C>::add_details(const Axis& a, int i, const Torques& expected,
+                                         FaultRecord& f) const {
   constexpr int joints = World::Mechanism::joints;
   const int joint = static_cast<int>(nodes_.size()) == joints ? i : i * (joints / 2);
   const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);

@@ -8,7 +8,7 @@
 
 namespace esmc::host {
 
-/// Of a controller of mechanism C for a scene of `World`. An axis is a motor's drive or a passive encoder.
+/// Texts about the axes (drives, passive encoders) of a controller of mechanism C, scene of `World`.
 template <class World, class C = typename World::Mechanism>
 class DriveReports {
  public:
@@ -17,23 +17,24 @@ class DriveReports {
   /// `scene` must outlive this.
   explicit DriveReports(const Scene& scene);
 
-  /// Joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
+  /// Name of the joint whose encoder contradicts the others, after a fault loop_not_closed; empty: unknown.
   [[nodiscard]] std::string odd_encoder(const AnyCycle<C>& cycle) const;
-  /// Why it did not arm: the fault, with node and object where a drive reports one.
+  /// Reason why the controller did not arm: the fault, with node and object where a drive reports one.
   [[nodiscard]] std::string refusal(const AnyCycle<C>& cycle) const;
   /// "node 1, node 2": the motors' drives that have not confirmed torque control.
   [[nodiscard]] std::string unready(const AnyCycle<C>& cycle) const;
   /// "node 1, node 2": the drives that had no object for their torque limit, so that it was not read back.
   [[nodiscard]] std::string limits_unread(const AnyCycle<C>& cycle) const;
-  /// Adds to a fault what the axes know of it. `expected`: N m, torques as TorqueFeedbackCheck has them.
-  void blame(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const;
+  /// Adds node, drive error and values that the axes report to a fault. `expected`: torques after the lag of
+  /// TorqueFeedbackCheck, N m at the joints.
+  void add_details(const AnyCycle<C>& cycle, const Torques& expected, FaultRecord& f) const;
 
  private:
   [[nodiscard]] bool is_motor(int axis) const;
   template <class Axis>
   [[nodiscard]] std::string reported(const Axis& a, bool motor) const;
   template <class Axis>
-  void blame(const Axis& a, int i, const Torques& expected, FaultRecord& f) const;
+  void add_details(const Axis& a, int i, const Torques& expected, FaultRecord& f) const;
   [[nodiscard]] std::string endpoint_path(std::uint16_t id) const;
 
   const Scene& scene_;

@@ -14,8 +14,8 @@
 
 namespace esmc::host {
 
-/// The plant's access to the bus, which, like log and scene, must outlive this. try_receive() throws RunError
-/// for a controller made from another scene.
+/// The plant's access to the bus, with a log of frames; bus, log and scene must outlive it. try_receive()
+/// throws RunError for a controller made from another scene.
 template <hal::CanBus Bus>
 class PlantTap : public Tapped<Bus> {
  public:
@@ -30,6 +30,7 @@ class PlantTap : public Tapped<Bus> {
   const Scene& scene_;
 };
 
+/// The emulated plant and drives of a scene on a bus, with waiting and recording.
 template <class World, class Bus>
 class PlantEnd {
  public:
@@ -37,7 +38,7 @@ class PlantEnd {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  /// All references outlive this. `log` may be null. `with_controller`: advance() is given its ticks.
+  /// All references must outlive this. `log` may be null. `with_controller`: advance() gets its ticks.
   PlantEnd(const Scene& scene, const RunOptions& o, Bus& bus, FrameLog& frames, const LogSink& log,
            bool with_controller)
       : scene_(scene),
@@ -53,7 +54,7 @@ class PlantEnd {
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
-  [[nodiscard]] bool released() const { return plant_.released(); }  ///< t = 0 has been reached
+  [[nodiscard]] bool released() const { return plant_.released(); }  ///< all drives are armed: t >= 0
   [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< simulation.duration is over
   /// Number of recorded ticks.
   [[nodiscard]] std::uint32_t done() const { return done_; }
@@ -84,7 +85,7 @@ class PlantEnd {
   bool await_last_torques() {
     return wait_briefly(tap_.bus(), [&] { return receive_torques(); });
   }
-  /// Reads the waiting frames. Returns the number of commands to these drives among them.
+  /// Passes the waiting frames to the drives. Returns the number of commands to them.
   int drain() {
     tap_.look();
     return plant_.drain(tap_);
@@ -95,7 +96,7 @@ class PlantEnd {
     double since;  ///< s since the tick began
     Joints torque;
   };
-  /// Records the tick, with the last of `commands` (>= 1), and moves over it. The first holds since it began.
+  /// Records the tick with the last of `commands` (>= 1) and simulates it; the first has since = 0.
   void advance(std::span<const TorqueCommand> commands, const ControllerView<M>& seen) {
     if (!plant_.released()) return;
     bool clipped = false;
@@ -114,7 +115,7 @@ class PlantEnd {
     }
     ++done_;
   }
-  /// Records the tick and moves over it under the torques of the last commands.
+  /// Records the tick and simulates it under the torques of the last commands.
   void advance(const ControllerView<M>& seen) {
     const TorqueCommand whole{0.0, plant_.asked()};
     advance({&whole, 1}, seen);

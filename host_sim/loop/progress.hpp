@@ -10,9 +10,10 @@
 
 namespace esmc::host {
 
+/// Progress bar with share and remaining time; draws nothing unless stderr is a terminal.
 class Progress {
  public:
-  /// `before`: done before this run began. With a `unit` their rate is shown as well.
+  /// `ticks`: total; `before`: done before this run. With a `unit` (plural) the rate is shown as well.
   explicit Progress(std::uint64_t ticks, std::uint64_t before = 0, const char* unit = nullptr)
       : ticks_(::isatty(STDERR_FILENO) != 0 ? ticks : 0), before_(before), unit_(unit) {}
   Progress(const Progress&) = delete;

@@ -32,6 +32,7 @@ inline constexpr const char* no_accuracy_on_bus =
 /// Why effects of the bus are refused outside the virtual bus.
 inline constexpr const char* no_effects_on_interface = "a CAN interface is not ours to disturb";
 
+/// Options of `esmc replay`.
 struct ReplayOptions {
   std::string directory;
   bool any_version = false;  ///< the recording may be of another version of this program
@@ -40,6 +41,7 @@ struct ReplayOptions {
 /// `esmc replay`: repeats a recorded run and compares. Returns 1 where a value differs.
 int run_replay(const ReplayOptions& o);
 
+/// Options of `esmc drive`.
 struct DriveOptions {
   std::string protocol, bus;
   int node = 1;
@@ -83,15 +85,15 @@ Trace probe(const Scene& scene);
 /// that is not finite shows in end.q.
 Trace run_case(const Scene& scene, bool base_errors, bool single_precision = false);
 
-/// Why a scene that `esmc sim` runs cannot run on a bus; `what` empty: it can.
+/// Reason why a scene of `esmc sim` cannot run on a bus: place in the file, text; `what` empty: none.
 struct BusObstacle {
   std::string where, what;
 };
-/// The first one. `with_accuracy`: simulation.accuracy is none.
+/// The first obstacle of a scene. `with_accuracy`: simulation.accuracy is allowed.
 BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy = false);
-/// Throws InputError where there is an obstacle.
+/// Throws InputError where bus_obstacle() finds one.
 void require_bus_loop(const Scene& scene, bool with_accuracy = false);
-/// Settings that decide over torque and cannot be read back from these drives, in one line; "": none.
+/// One line: settings that affect torque and cannot be read back from the scene's drives; "": none.
 std::string to_confirm(const Scene& scene);
 /// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
 void require_confirmed(const Scene& scene);

@@ -18,8 +18,8 @@
 
 namespace esmc::host {
 
-/// Absolute instants k * period after construction. wait() sleeps until the next one; one missed by more than
-/// a period is counted as late, and the instants go on from now.
+/// Clock of a loop in real time: instants k * period after construction. wait() sleeps until the next one;
+/// one missed by more than a period is counted as late, and the instants go on from now.
 class Pace {
  public:
   /// `waits` false: wait() returns at once, for a replay. `period_s` in s.
@@ -88,7 +88,7 @@ bool is_gone(Bus& bus) {
   return false;
 }
 
-/// Whether a frame may still come while the program waits.
+/// True if a frame may come while the program waits: not on a virtual bus or from a recording.
 template <class Bus>
 bool may_come(const Bus& bus) {
   if constexpr (requires { bus.bus(); }) return may_come(bus.bus());
@@ -96,10 +96,11 @@ bool may_come(const Bus& bus) {
   return false;
 }
 
+/// Result of waiting: the condition holds; Ctrl-C or a lost bus; time is over or no frame can come.
 enum class Waited : std::uint8_t { done, stopped, silent };
 
-/// Waits until `done()`, which reads frames and is called after each arrival. `stop` (Ctrl-C) and the
-/// deadline count at every pass: frames of other nodes do not prolong the wait.
+/// Waits until `done()`, which reads frames and is called after each arrival, `stop()` or `patience` is over;
+/// both count at every pass, so that frames of other nodes do not prolong the wait.
 template <class Bus, class Done, class Stop>
 Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::milliseconds patience) {
   // First without the clock, which on a virtual bus would cost as much as the frames.
