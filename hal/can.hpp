@@ -53,8 +53,7 @@ inline constexpr std::array<std::uint8_t, 16> can_fd_sizes{0, 1,  2,  3,  4,  5,
   return can_fd_sizes[can_fd_code(bytes)];
 }
 
-/// Copies a frame: all fields, of data at least the used bytes; a fixed number of bytes up to size 8, which
-/// costs no loop.
+/// Copies a frame: all fields, of data at least the used bytes, and always 8, which costs no loop.
 inline void copy_used(const CanFrame& from, CanFrame& to) {
   if (from.size > can_classic_size_max) {
     to = from;
@@ -90,8 +89,7 @@ inline void copy_used(const CanFrame& from, CanFrame& to) {
 constexpr void put_field(CanFrame& f, std::size_t at, std::uint32_t value, std::size_t bytes) {
   for (std::size_t i = 0; i < bytes; ++i) f.data[at + i] = static_cast<std::uint8_t>(value >> (8U * i));
 }
-/// The unsigned number in `bytes` (1..4) bytes of data from byte `at` on, little-endian. Not checked: at +
-/// bytes <= 64.
+/// The number in `bytes` (1..4) bytes of data from `at` on, little-endian. Not checked: at + bytes <= 64.
 [[nodiscard]] constexpr std::uint32_t get_field(const CanFrame& f, std::size_t at, std::size_t bytes) {
   std::uint32_t value = 0;
   for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{f.data[at + i]} << (8U * i);
@@ -106,8 +104,7 @@ enum class [[nodiscard]] SendStatus : std::uint8_t{
     refused,   ///< not well formed: a bug in the caller
 };
 
-/// A CAN controller: try_send queues a frame, try_receive takes the oldest received one. No call blocks,
-/// allocates or waits.
+/// A CAN controller: try_send queues a frame, try_receive takes the oldest received. No call blocks.
 template <class B>
 concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_send(out) } -> std::same_as<SendStatus>;

@@ -5,8 +5,7 @@
 
 namespace esmc::hal {
 
-/// A watchdog that resets the processor unless refresh() is called in time: only after a tick with
-/// Cycle::output_ok().
+/// Resets the processor unless refresh() comes in time: only after a tick with Cycle::output_ok().
 template <class W>
 concept Watchdog = requires(W& w) {
   w.refresh();
@@ -18,8 +17,7 @@ concept DigitalInput = requires(const I& i) {
   { i.closed() } -> std::same_as<bool>;
 };
 
-/// An output: `drive_enable`, or a brake that opens with power. set(true) is high; low without power and
-/// after reset.
+/// An output, `drive_enable` or a brake that opens with power: set(true) is high. Low after reset.
 template <class O>
 concept DigitalOutput = requires(O& o, bool high) {
   o.set(high);

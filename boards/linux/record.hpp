@@ -44,8 +44,7 @@ class Histogram {
   std::uint32_t most_ = 0;
 };
 
-/// A ring of `size` rows that a thread writes to a file. push() never waits: a full ring drops and counts
-/// rows.
+/// A ring of `size` rows that a thread writes to a file. push() never waits: a full ring drops rows.
 template <class Row, std::size_t size = 16384>
 class Recorder {
  public:

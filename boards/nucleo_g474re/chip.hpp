@@ -54,8 +54,7 @@ struct NucleoG474re {
     finish_access(rcc + 0x4C);
   }
 
-  /// Starts the clocks: 24 MHz / 6 x 85 / 2 = 170 MHz, range 1 boost mode. A crystal that stops later gives
-  /// an NMI (CSS).
+  /// Starts the clocks: 24 MHz / 6 x 85 / 2 = 170 MHz (boost). A crystal that stops later gives an NMI.
   [[nodiscard]] static StartFault start_clocks() {
     set_bits(rcc + 0x58, 1U << 28);  // APB1ENR1: PWR
     set_bits(rcc, 1U << 16);         // CR: HSEON
@@ -88,8 +87,7 @@ struct NucleoG474re {
     return random_word(0x5006'0800U);
   }
 
-  /// Brown-out level, 0 to 4 (FLASH_OPTR.BOR_LEV): below about 1.7, 2.0, 2.2, 2.5 or 2.8 V the chip is held
-  /// in reset.
+  /// Brown-out level, 0 to 4 (FLASH_OPTR): the chip is in reset below about 1.7, 2.0, 2.2, 2.5 or 2.8 V.
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x20) >> 8) & 7U; }
   static constexpr Word brown_out_level_max = 4;
 

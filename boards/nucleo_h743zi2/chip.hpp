@@ -106,8 +106,7 @@ struct NucleoH743zi2 {
     return random_word(0x4802'1800U);
   }
 
-  /// Brown-out level, 0 to 3 (FLASH_OPTSR_CUR.BOR_LEV): below about 1.7, 2.1, 2.4 or 2.7 V the chip is held
-  /// in reset.
+  /// Brown-out level, 0 to 3 (FLASH_OPTSR_CUR): the chip is in reset below about 1.7, 2.1, 2.4 or 2.7 V.
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x1C) >> 2) & 3U; }
   static constexpr Word brown_out_level_max = 3;
 

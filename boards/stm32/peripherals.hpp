@@ -15,8 +15,7 @@ inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bi
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
 /// Reads a register of the clock control back, after which a clock that was switched on runs.
 inline void finish_access(Word address) { [[maybe_unused]] const Word read_back = reg(address); }
-/// Waits until the bits of `mask` in a register are `value`. False: not within about half a second (internal
-/// oscillator).
+/// Waits until the bits of `mask` in a register are `value`. False: not within about half a second.
 [[nodiscard]] inline bool await(Word address, Word mask, Word value) {
   for (int n = 0; n < 1'000'000; ++n) {
     if ((reg(address) & mask) == value) return true;

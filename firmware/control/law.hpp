@@ -42,8 +42,7 @@ ESMC_INLINE inline void for_each_projected_row(const M& m, const Gains<M>& gain,
   m.for_each_reference_row(t.pose, sigma, joined, t.rates, v_r, f);
 }
 
-/// v' = C a_r + Cdot v_r + K sw(C sigma), s = C sigma [F33]. For an exact model the Lyapunov
-/// function of [F33] never grows.
+/// v' = C a_r + Cdot v_r + K sw(C sigma), s = C sigma [F33]. V' <= 0 of [F33] holds for an exact model.
 template <class M>
 [[nodiscard]] Demand<M> projected_acceleration(const M& m, const Gains<M>& gain, Reaching reaching,
                                                const Tracking<M>& t) {

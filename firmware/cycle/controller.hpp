@@ -47,8 +47,7 @@ class Controller {
                      config.correct != nullptr) {}
 
   [[nodiscard]] const Config& config() const { return config_; }
-  /// 1 + index of the joint whose encoder alone explains the last gap of the leg tips above limits.closure;
-  /// 0: none so far, or no `fuse`.
+  /// 1 + index of the joint whose encoder alone explains the last gap above limits.closure; 0: none so far.
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
   /// Configuration of the supervisor of this controller.
   [[nodiscard]] Supervisor::Config supervision() const {

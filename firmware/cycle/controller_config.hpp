@@ -18,8 +18,7 @@ enum class Motors : std::uint8_t { base, all };  ///< all (5R only): motors on t
 /// Which joints have an encoder.
 enum class Sensors : std::uint8_t { base, all };  ///< all (5R only): encoders on the passive joints too
 
-/// Everything that determines the controller. `mechanism` is its model, not the plant. A null part is not
-/// used.
+/// Everything that determines the controller. `mechanism` is its model. A null part is not used.
 template <class M>
 struct ControllerConfig {
   using S = typename M::Scalar;

@@ -129,8 +129,7 @@ class Cycle {
     link_.add_filters(list);
     return list;
   }
-  /// Makes every axis repeat its last request to the drive at the next tick without its waiting time. Call
-  /// only before heard().
+  /// Makes every axis repeat its last request to the drive at the next tick. Call only before heard().
   void ask_again() {
     for (D& a : axes_) a.ask_again();
   }

@@ -40,8 +40,7 @@ class Homing {
   [[nodiscard]] bool met() const { return joint_ == 2 && !begun_; }
   [[nodiscard]] bool done() const { return left_; }  ///< both joints have left their stops: homing is over
   [[nodiscard]] bool at_rest() const { return resting_; }  ///< the last brake() found both joints at rest
-  /// Limits::feedback_jump for homing, rad per tick: the largest allowed speed times a tick, at least 0.002
-  /// for coarse encoders.
+  /// Limits::feedback_jump for homing, rad per tick: the largest allowed speed times a tick, at least 0.002.
   [[nodiscard]] S feedback_jump() const { return std::max(fastest() * sample_time_, S(0.002F)); }
 
   /// Makes the next step() begin with the first joint.

@@ -6,9 +6,8 @@
 
 namespace esmc {
 
-/// Takes the requests of the link, applies gains, path rate and set points to the controller, and returns the
-/// command for the supervisor's next begin_tick(). A set point out of reach is refused. delay_ticks: see
-/// set_gains.
+/// Applies gains, path rate and set points of the link to the controller, and returns the command for the
+/// next Supervisor::begin_tick(). A set point out of reach is refused. delay_ticks: see set_gains.
 template <class M>
 Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;
@@ -30,8 +29,7 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   return r.command;
 }
 
-/// Telemetry of a tick, SI units, for link::CommandLink::transmit(); the caller adds the error of a drive.
-/// `error` is zero except in running.
+/// Telemetry of a tick, SI units; the caller adds the error of a drive. `error` is zero except in running.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {

@@ -8,8 +8,8 @@
 
 namespace esmc {
 
-/// The motion of two coordinates (m or rad, s), within the limits of plan(); a velocity that begins above
-/// `speed` is reduced to it first.
+/// Motion of two coordinates (m or rad, s) within the limits of plan(). A velocity above them is first
+/// reduced.
 template <class S>
 class MotionProfile {
  public:
@@ -19,7 +19,7 @@ class MotionProfile {
   /// Plans the motion from `from` with `rate` to rest at `to`, within `speed` and `acceleration` of each
   /// coordinate (> 0), in the least time of the slower coordinate. The other one shares its instants of
   /// switching where its limits allow (always from rest: the path is then straight), else it has its own.
-  /// Finite input: not checked.
+  /// Finite input.
   void plan(const Vec2<S>& from, const Vec2<S>& rate, const Vec2<S>& to, S speed, S acceleration) {
     const Vec2<S> way = to - from;
     const Shape a = fastest(way[0], rate[0], speed, acceleration);

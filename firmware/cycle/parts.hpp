@@ -30,8 +30,8 @@ struct PartMemory {
   [[nodiscard]] Vec<S, M::joints> torque(int ago) const {
     return ago < ticks ? sent[ago] : Vec<S, M::joints>::Zero().eval();
   }
-  /// Records the torques sent, N m; call at the end of a tick under the law. `as_asked`: none was limited or
-  /// ramped.
+  /// Records the torques sent, N m; call at the end of a tick under the law. `as_asked`: all as the law
+  /// wanted.
   void keep(const Vec<S, M::joints>& torque, bool as_asked) {
     for (int k = depth - 1; k > 0; --k) sent[k] = sent[k - 1];
     sent[0] = torque;
@@ -60,8 +60,7 @@ using ReachingPart = void (*)(const ControllerConfig<M>& config, const Tracking<
 /// Type of ControllerConfig::observer: updates memory.disturbance (N m) from the measured state.
 template <class M>
 using ObserverPart = void (*)(const ControllerConfig<M>& config, const Tracking<M>& t, PartMemory<M>& memory);
-/// Torque that a motor gives: factor * commanded + amplitude * sin(per_turn * joint angle + phase), N m; one
-/// entry per joint.
+/// Torque of a motor: factor * commanded + amplitude * sin(per_turn * joint angle + phase); per joint.
 template <class S, int Joints>
 struct MotorMap {
   Vec<S, Joints> factor = Vec<S, Joints>::Ones();     ///< > 0
@@ -75,8 +74,7 @@ enum class MotorTorque : std::uint8_t { given_to_asked, asked_to_given };
 template <class M>
 using MotorPart = void (*)(const ControllerConfig<M>& config, const Sample<M>& measured, MotorTorque change,
                            Vec<typename M::Scalar, M::joints>& torque);
-/// Type of ControllerConfig::predict: moves the state of `t` to the instant at which the torque of this tick
-/// acts.
+/// Type of ControllerConfig::predict: moves the state of `t` to the instant at which this tick's torque acts.
 template <class M>
 using PredictorPart = void (*)(const ControllerConfig<M>& config, const PartMemory<M>& memory,
                                Tracking<M>& t);

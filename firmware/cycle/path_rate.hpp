@@ -20,17 +20,14 @@ class PathRate {
   /// |s''| <= 10/s; see step() for exceptions. `sample_time`: s, > 0.
   PathRate(S acceleration, S sample_time) : acceleration_(acceleration), sample_time_(sample_time) {}
 
-  /// True if the caller must use step() in place of the reference: at or since begin() a rate below 1 was
-  /// wanted.
+  /// True if the caller must use step() in place of the reference: since begin() a rate below 1 was wanted.
   [[nodiscard]] bool active() const { return active_; }
-  /// Sets the wanted rate in percent, clamped to 100; step() approaches it. Before begin(): the rate at the
-  /// start.
+  /// Sets the rate, percent, clamped to 100, which begin() starts with and step() approaches.
   void want(unsigned percent) {
     wanted_ = percent < percent_max ? percent * (one / percent_max) : one;
     active_ = active_ || wanted_ != one;
   }
-  /// Starts path time at 0 with the wanted rate, or with full rate where that is 0. Returns the rate, 0 <
-  /// rate <= 1.
+  /// Starts path time at 0 with the wanted rate, or 1 where that is 0. Returns the rate, 0 < rate <= 1.
   S begin() {
     delay_ = 0;
     rate_ = wanted_ > 0 ? wanted_ : one;

@@ -52,8 +52,7 @@ class SampleJumpCheck {
   std::array<bool, static_cast<unsigned>(M::joints)> known_{};
 };
 
-/// Compares the torque that a drive reports, not necessarily every tick, with its command behind a
-/// first-order lag.
+/// Compares the torque that a drive reports, not every tick, with its command behind a first-order lag.
 template <class M>
 class TorqueFeedbackCheck {
  public:

@@ -8,8 +8,7 @@
 
 namespace esmc {
 
-/// Measured angles and rates in the model's convention, one entry per joint; joints without a sensor are not
-/// used.
+/// Measured angles and rates, model convention, one entry per joint; joints without a sensor are not used.
 template <class M>
 struct Sample {
   using S = typename M::Scalar;

@@ -25,8 +25,7 @@ class MovingAverage {
       : length_(length < 1 ? 1U : (length > length_max ? length_max : length)) {}
 
   [[nodiscard]] std::uint32_t length() const { return length_; }
-  /// Fills the memory with a motion at constant velocity whose mean is `mean` now; returns its present
-  /// position.
+  /// Fills the memory with a motion at constant velocity with this mean; returns its present position.
   Vec2<S> begin(const Vec2<S>& mean, const Vec2<S>& velocity, S sample_time) {
     const Vec2<S> step = velocity * sample_time;
     const Vec2<S> now = mean + step * (S(length_ - 1) * S(0.5));
@@ -115,9 +114,8 @@ class SetpointGenerator {
     const Motion2<S> now = profile_.at(ticks_);
     plan(now, now.position - apart(now.position, target));
   }
-  /// Follows a sample (m, m/s or rad, rad/s), one per tick; a missing one is extrapolated. The difference
-  /// from the present motion fades where the sample is the first, comes after a gap, or is farther off than
-  /// `speed` allows in a tick.
+  /// Follows a sample (m, m/s or rad, rad/s) per tick; a missing one is extrapolated. The difference from the
+  /// present motion fades if the sample is the first, follows a gap, or is farther off than `speed` allows.
   [[gnu::noinline]] void follow(const Vec2<S>& position, const Vec2<S>& velocity) {
     const Vec2<S> off = position - base_.position - base_.velocity * (S(age_) * sample_time_);
     const S most = speed_ * sample_time_;

@@ -37,8 +37,7 @@ struct JointSample {
 /// Age, in ticks, of an event that has not occurred.
 inline constexpr std::uint32_t age_max = 0xFFFF'FFFF;
 
-/// Largest shaft torque that is sent, N m: more than any motor has, so that beyond it the gear ratio is
-/// wrong.
+/// Largest shaft torque that is sent, N m: more than any motor has. Beyond it the gear ratio is wrong.
 inline constexpr float shaft_torque_max = 1e4F;
 
 /// Torque at the motor shaft (N m, positive as the motor counts) of a torque at the joint (N m, model

@@ -20,8 +20,7 @@ class CanopenLine {
   void request(Send&& send) {
     send(canopen::encode_sync());
   }
-  /// Sends the heartbeat when due, only if `good` (no fault): drives stop by themselves without it. Once per
-  /// tick.
+  /// Sends the heartbeat when due, only if `good` (no fault): without it drives stop. Call once per tick.
   template <class Send>
   void end_tick(Send&& send, bool good) {
     if (wait_ticks_ > 0) --wait_ticks_;

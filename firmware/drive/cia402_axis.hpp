@@ -12,8 +12,7 @@
 
 namespace esmc::drive {
 
-/// One motor with a CiA 402 drive in cyclic synchronous torque mode. Satisfies Drive, which explains members
-/// without a comment.
+/// One motor with a CiA 402 drive. Satisfies Drive, which explains members without a comment.
 class Cia402Axis {
  public:
   using Line = CanopenLine;
@@ -112,8 +111,7 @@ class Cia402Axis {
   }
   /// True once a value read back is not the required one; cleared by disable() or a tick without enable().
   [[nodiscard]] bool config_mismatch() const { return configurator_.config_mismatch(); }
-  /// The object whose value was not the required one or was refused, last; empty: none since the set-up
-  /// began.
+  /// The last object with a wrong value or a refusal; empty: none since the set-up began.
   [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
     return configurator_.refused();
   }

@@ -25,7 +25,7 @@ class Cia402Configurator {
   [[nodiscard]] bool exhausted() const { return sent_ > repetitions_max; }
   /// True once a value read back was not the required one or the drive refused; until clear_mismatch().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The object whose value was not the required one or was refused, last; empty: none since begin().
+  /// The last object with a wrong value or a refusal; empty: none since begin().
   [[nodiscard]] std::optional<canopen::Object> refused() const { return refused_; }
   /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return rated_torque_ / 1000.0F; }

@@ -62,8 +62,7 @@ inline constexpr float i16_torque = 0.01F, i16_time = 0.001F;  ///< N m and s of
   return t == Type::f32 ? 4 : static_cast<std::uint8_t>(1U << static_cast<unsigned>(t));
 }
 
-/// Value of one step of an integer in register `name` (turns, turns/s, N m, s or 1); 1 for plain numbers and
-/// f32.
+/// Value of one step of an integer in register `name`: turns, turns/s, N m, s; 1 for plain numbers and f32.
 [[nodiscard]] constexpr float unit(std::uint32_t name, Type t) {
   constexpr float units[][3] = {{1e-2F, 1e-4F, 1e-5F},    // turns
                                 {1e-1F, 2.5e-4F, 1e-5F},  // turns/s

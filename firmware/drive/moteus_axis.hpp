@@ -103,15 +103,14 @@ class MoteusAxis {
   /// True if a value read back is not the required one, or the drive refuses a register; cleared by
   /// disable().
   [[nodiscard]] bool config_mismatch() const { return mismatch_; }
-  /// The register whose value was not the required one or was refused, last; moteus::no_register: none yet.
+  /// The last register with a wrong value or a refusal; moteus::no_register: none yet.
   [[nodiscard]] std::uint32_t refused_register() const { return refused_; }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
   [[nodiscard]] bool emergency_stopped() const { return false; }    ///< the protocol has none
   [[nodiscard]] bool tx_suspended() const { return false; }         ///< its watchdog is not tested
   [[nodiscard]] bool setting_up() const { return false; }           ///< there is no set-up
   void acknowledge() {}                                             ///< no emergency stop to reset
-  /// Makes the next enable() query a drive that has sent no frame yet. Others get a request every tick
-  /// anyway.
+  /// Makes the next enable() query a drive that has sent no frame yet; others get a request every tick.
   void ask_again() {
     if (!alive_) wait_ticks_ = 0;
   }

@@ -103,8 +103,7 @@ class OdriveAxis {
   }
   /// True if an emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// Resets emergency_stopped() for the operator. The drive's present report of it may be cleared once; a
-  /// newer one stops again.
+  /// Resets emergency_stopped() for the operator: its report may be cleared once, a newer one stops again.
   void acknowledge() {
     stopped_ = false;
     acknowledged_ = reports_emergency_stop();
@@ -121,8 +120,8 @@ class OdriveAxis {
   [[nodiscard]] bool config_mismatch() const {
     return read_back_.config_mismatch() || watchdog_did_not_trip_;
   }
-  /// The endpoint whose value was not allowed or not answered, last; OdriveReadBack::version_endpoint: the
-  /// version; empty: none.
+  /// The last endpoint with a wrong value or no answer; OdriveReadBack::version_endpoint: the version; empty:
+  /// none.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
 
@@ -165,8 +164,8 @@ class OdriveAxis {
     patient_ = false;
   }
 
-  /// Sends the request for idle; call every tick until idle(). Clears config_mismatch(): the next enable()
-  /// reads back anew.
+  /// Requests idle; call every tick until idle(). Clears config_mismatch(): the next enable() reads back
+  /// anew.
   template <class Send>
   void disable(Send&& send) {
     confirmations_ = 0;

@@ -41,8 +41,7 @@ class OdriveReadBack {
   [[nodiscard]] bool done() const { return next_ == questions(); }
   /// True once a value was not allowed, or not answered after four attempts; until restart().
   [[nodiscard]] bool config_mismatch() const { return config_mismatch_; }
-  /// The endpoint whose value was not allowed or not answered, until ask() sends the next question; empty:
-  /// none.
+  /// The last endpoint with a wrong value or no answer, until ask() sends a question; empty: none.
   [[nodiscard]] std::optional<std::uint16_t> refused() const { return refused_; }
   static constexpr std::uint16_t version_endpoint = 0xFFFF;  ///< stands for the version
 
@@ -53,9 +52,8 @@ class OdriveReadBack {
     withdraw();
   }
 
-  /// Sends the next question to `node`, or repeats the last; call every tick until done() or
-  /// config_mismatch(). `send(frame)` returns whether the bus took the frame; if not, the next call tries
-  /// again.
+  /// Sends the next question to `node`, or repeats the last; every tick until done() or config_mismatch().
+  /// `send(frame)` returns whether the bus took the frame; if not, the next call tries again.
   template <class Send>
   void ask(std::uint8_t node, Send&& send) {
     if (done() || config_mismatch_) return;

@@ -65,8 +65,7 @@ class Capture {
   static_assert(records_max / block < 256, "an index of a request has 8 bits");
 
   Capture() = default;
-  /// `memory`: at most records_max of it are used; it must outlive every copy of this object. Empty: no
-  /// capture.
+  /// `memory`: at most records_max are used; it must outlive every copy of this object. Empty: no capture.
   explicit Capture(std::span<CaptureRecord> memory)
       : memory_(memory.first(std::min(memory.size(), records_max))) {}
 
@@ -83,16 +82,14 @@ class Capture {
     count_ = std::min(count_ + 1, memory_.size());
     ++recorded_;
   }
-  /// Answers a request: queues the state and, where they can be read, the records of block `index`, oldest
-  /// block 0.
+  /// Answers a request: queues the state and, if it is ready, the records of block `index` (0: the oldest).
   void read(std::uint8_t index) {
     state_due_ = true;
     if (!ready_) return;
     next_ = std::min(index * block, count_) * capture_parts;
     end_ = std::min((index + 1U) * block, count_) * capture_parts;
   }
-  /// Sends the next queued frame; one that the bus does not take stays queued. `base`: LinkConfig::base_id.
-  /// False: nothing is queued.
+  /// Sends the next queued frame, which stays queued if the bus does not take it. False: nothing is queued.
   template <class Send>
   bool transmit(std::uint32_t base, Send&& send) {
     const auto byte = [](std::size_t v) { return static_cast<std::uint8_t>(v); };

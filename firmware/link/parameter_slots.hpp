@@ -83,8 +83,7 @@ class ParameterSlots {
     if (current_ != none && !later(next, slots_[current_].sequence)) next = slots_[current_].sequence + 1;
     record_ = SlotRecord{next, scene_, gains}.encode();
   }
-  /// Begins to erase both records, which poll() carries out like store(); the older first: a loss of power
-  /// must not bring it back.
+  /// Begins to erase both records, as store(); the older first: a loss of power must not bring it back.
   void forget() {
     if (!begin(StoreState::forgetting)) return;
     record_.fill(hal::erased_word);
@@ -242,16 +241,14 @@ class ParameterSlots {
   bool unknown_ = false;  ///< an operation timed out and goes on: the content of the slots is not known
 };
 
-/// Loads the stored gains and gives them, if they can be used, to the link; call at power-up, before the
-/// first tick.
+/// Gives the stored gains, if they can be used, to the link; call at power-up, before the first tick.
 template <class Memory>
 void restore(CommandLink& link, ParameterSlots<Memory>& slots) {
   if (!link.active()) return;  // no orders can come
   if (const auto gains = slots.load()) (void)link.restore(*gains);
   link.store_status(slots.status());
 }
-/// Passes a store or forget request of the link to the store, and polls the store once; call between two
-/// ticks.
+/// Passes a request of the link (store, forget) to the store, and polls it once; call between two ticks.
 template <class Memory>
 void serve(CommandLink& link, ParameterSlots<Memory>& slots) {
   const StoreRequest request = link.take_store_request();

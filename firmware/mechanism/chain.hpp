@@ -39,8 +39,7 @@ struct Body {
   S rotor{};           ///< mass of the joint's own row of p: a rotor behind its gear, kg m2 or kg
 };
 
-/// Kinematics of a planar chain, one body at a time from the base outwards. `i`: body and its joint, 0 to
-/// joints - 1, not checked.
+/// Kinematics of a planar chain, body by body from the base. `i`: body and its joint, < joints, not checked.
 template <class S, class... Links>
 class Chain {
  public:
@@ -49,8 +48,7 @@ class Chain {
   static constexpr bool slides = ((Links::joint == Joint::prismatic) || ...);
 
   struct NoSlides {};
-  /// Configuration as unit vectors: the model needs only sines and cosines of angles. Not initialised by
-  /// itself.
+  /// Configuration as unit vectors: the model needs sines and cosines only. Not initialised by itself.
   struct Pose {
     List<Vec2<S>, joints> axis;  ///< along body i, in the frame of the subsystem
     List<Vec2<S>, joints> turn;  ///< (cos, sin) of joint i, whose sine decides type 1; (1, 0) if prismatic

@@ -95,8 +95,7 @@ class Supervisor {
   [[nodiscard]] std::uint16_t count(Fault f) const { return counts_[static_cast<unsigned>(f)].times; }
 
   /// Makes the transitions of a tick. `stage_done`, from the controller: test passed (testing), at rest
-  /// (halting), torque faded (lowering). `passed`: periods since the previous tick, < 2^31, for the
-  /// time-outs.
+  /// (halting), torque faded (lowering). `passed`: periods since the last tick, < 2^31.
   void begin_tick(Command command, DriveStatus drives, bool stage_done = false, std::uint32_t passed = 1) {
     ++tick_;
     switch (state_) {

@@ -44,8 +44,7 @@ inline constexpr unsigned standard_shift = 18, dlc_shift = 16;
 inline constexpr Word words = 18;  ///< header and 64 bytes
 }  // namespace element
 
-/// Registers that differ between chips, of the STM32G4: a fixed layout of the message memory (in words),
-/// three elements of each kind.
+/// Registers that differ between chips: STM32G4. Fixed layout of the message memory, in words.
 struct G4 {
   static constexpr Word rxf0s = 0x90, rxf0a = 0x94, txbrp = 0xC8, txbar = 0xCC, txbcr = 0xD0, txbto = 0xD4;
   static constexpr Word lost_flag = 1U << 2;  ///< IR.RF0L
@@ -62,8 +61,7 @@ struct G4 {
   }
 };
 
-/// Registers of the STM32H742/743, as in G4: a layout of our own, from the start of the message memory of
-/// FDCAN1.
+/// Registers of STM32H742/743, as in G4. Layout of our own from the start of FDCAN1's message memory.
 struct H7 {
   static constexpr Word rxf0s = 0xA4, rxf0a = 0xA8, txbrp = 0xCC, txbar = 0xD0, txbcr = 0xD4, txbto = 0xD8;
   static constexpr Word lost_flag = 1U << 3;

@@ -13,8 +13,7 @@ namespace esmc::hal {
 template <std::size_t Ports>
 class VirtualBus {
  public:
-  /// Connection of one node, a CanBus. A frame is refused (bus_full) if a receiver already holds `capacity`
-  /// frames.
+  /// CanBus of one node. A frame is refused (bus_full) if a receiver already holds `capacity` frames.
   class Port {
    public:
     static constexpr std::size_t capacity = 256;

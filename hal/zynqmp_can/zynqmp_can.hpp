@@ -21,9 +21,8 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
 };
 
 /// CAN controller of a Zynq UltraScale+. `layout`: of the manual, or of the emulator for an image that runs
-/// there only. The controller, whose FIFO cannot give a frame back, gets one at a time; the others wait here,
-/// the most urgent goes first. The counter that stamps received frames cannot be read, so their age is not
-/// known.
+/// there only. The controller, whose FIFO cannot give a frame back, gets one at a time; the others wait here.
+/// The counter that stamps received frames cannot be read, so their age is not known.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:

@@ -10,20 +10,21 @@
 
 namespace esmc::host {
 
-/// Index in the cycle, whose axes are in the order of their joints, of the scene's drive i, motors first.
+/// Index of the scene's drive i (motors first) among the axes of the cycle, which are in the order of joints.
 std::size_t axis_of(const Scene& scene, std::size_t i);
 
 /// Node, direction, gear ratio and offset (rad) of drive i in the scene: motors first, then passive encoders.
 /// i < number of drives, not checked.
 drive::AxisConfig mount(const Scene& scene, std::size_t i);
+/// Arguments of drive::OdriveAxis and its setters.
 struct OdriveSettings {
   drive::odrive::Version version{};
-  std::uint32_t retry_ticks = 1;
-  drive::OdriveTable table{};
+  std::uint32_t retry_ticks = 1;    ///< as for drive::OdriveAxis
+  drive::OdriveTable table{};       ///< configuration to be read back
   std::uint32_t silence_ticks = 1;  ///< after longer without a heartbeat the drive may have restarted
   std::uint32_t proof_ticks = 0;    ///< within which the watchdog must trip in its test; 0: no test
 };
-/// Controller's settings for drive i of a scene, whose protocol must be that of the name: it is not checked.
+/// Controller's settings for drive i of a scene, which must have the protocol of the name (not checked).
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
 drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
 drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
@@ -45,6 +46,7 @@ drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
 /// frame yet, or all have and no motor is being set up.
 [[nodiscard]] double waiting_time_max(const Scene& s);
 
+/// Load of one base joint in homing.
 struct HomingLoad {
   double inertia;  ///< kg m2
   double weight;   ///< N m at most, of that inertia
@@ -52,21 +54,23 @@ struct HomingLoad {
 };
 /// Bandwidth of the speed controller of homing, 1/s: below that of drives and delay.
 double homing_bandwidth(const Scene& scene);
-/// What homing moves with base joint i, as the controller's model has it.
+/// The load that homing moves with base joint i, by the controller's model.
 HomingLoad homing_load(const Scene& scene, std::size_t i);
 
-/// The cycle as a board has it, for the protocol of the scene; and its configuration.
+/// The cycle of firmware for any protocol of a scene; AnyCycleConfig: its configuration.
 template <class M>
 using AnyCycle = std::variant<OdriveCycle<M>, Cia402Cycle<M>, MitCycle<M>, MoteusCycle<M>>;
 template <class M>
 using AnyCycleConfig = std::variant<typename OdriveCycle<M>::Config, typename Cia402Cycle<M>::Config,
                                     typename MitCycle<M>::Config, typename MoteusCycle<M>::Config>;
 
-/// The configuration, with one axis per motor and passive encoder. `reference` must outlive the configuration
-/// and the cycle. Throws InputError like make_controller(). In real time each call draws another session.
+/// Configuration of the cycle of a scene, with one axis per motor and passive encoder. `reference` must
+/// outlive the configuration and the cycle. Throws InputError like make_controller(). In real time each call
+/// draws another session.
 template <class M>
 AnyCycleConfig<M> make_cycle_config(const Scene& scene, Pacing pacing,
                                     const ReferenceBundle<typename M::Scalar>& reference);
+/// The cycle with make_cycle_config().
 template <class M>
 AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing,
                        const ReferenceBundle<typename M::Scalar>& reference);

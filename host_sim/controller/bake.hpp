@@ -18,7 +18,7 @@
 
 namespace esmc::host::bake {
 
-/// The C++ initialiser of a value. Throws InputError for a number that is not finite.
+/// The C++ initialiser of a value, here of a number; throws InputError unless it is finite. Overloads follow.
 template <std::floating_point T>
 std::string text(T v) {
   constexpr bool single = std::is_same_v<T, float>;
@@ -94,6 +94,7 @@ struct Code {
   std::string expression;
 };
 inline std::string text(const Code& v) { return v.expression; }
+/// The initialisers of all members, separated by ", "; braces(): in braces.
 template <class... T>
 std::string list(const T&... member) {
   std::string out;

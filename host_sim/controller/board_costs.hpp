@@ -1,5 +1,5 @@
 #pragma once
-/// What a controller takes of boards whose clock and memory are known.
+/// Share of the tick and the memory that a controller takes of boards whose clock and memory are known.
 
 #include <string>
 
@@ -7,12 +7,13 @@
 
 namespace esmc::host {
 
+/// A board and what an image without optional parts takes of it.
 struct Board {
   const char* name;
   bool single_precision;
   double clock_hz;
   double flash, ram;              ///< bytes: boards/NAME/memory.ld
-  double image_flash, image_ram;  ///< bytes that an image without optional parts takes; stack included
+  double image_flash, image_ram;  ///< bytes of such an image, stack included
 };
 /// image_flash and image_ram are measured, and rounded up: `ctest -R boards.image` fails where an image takes
 /// more than is said here. An image may grow up to the share of the memory that budget_excess() allows.
@@ -21,8 +22,7 @@ inline constexpr Board boards[] = {
     {"nucleo_h743zi2", false, 400e6, 1048576, 131072, 131072, 65536},
 };
 
-/// Worst instructions of a tick and bytes of flash: of a law; of an optional part in addition to those of
-/// esmc.
+/// Cost of a law, or of an optional part beside esmc: most instructions in a tick, bytes of flash.
 struct Cost {
   const char* name;
   int instructions, flash;

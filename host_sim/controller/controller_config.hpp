@@ -13,7 +13,7 @@ namespace esmc::host {
 /// How a run treats time: decides the scene's defaults for delay_ticks and join.
 enum class Pacing { lockstep, realtime };
 
-/// A reference that owns its path.
+/// A reference with the path that it refers to.
 template <class S>
 struct ReferenceBundle {
   Reference<S> reference{};
@@ -36,8 +36,8 @@ ReferenceBundle<double> make_reference<double>(const Scene& scene, Pacing pacing
 template <>
 ReferenceBundle<float> make_reference<float>(const Scene& scene, Pacing pacing);
 
-/// The controller's belief: the scene's `believed`, or else the true mechanism, times the factors of
-/// [control.model], with its friction; with friction = "exact" that of the effects.
+/// The parameters that the controller assumes: the scene's `believed`, or else the true mechanism, times the
+/// factors of [control.model], with its friction; with friction = "exact" that of the effects.
 FiveBarParams<double> believed_mechanism(const Scene& scene);
 /// A mechanism with a point mass, kg, at its effector; `arm`: an RR, whose distal bar then has it.
 FiveBarParams<double> with_payload(FiveBarParams<double> p, bool arm, double payload);
@@ -64,6 +64,7 @@ template <class S>
 RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
   return {cast<S>(p.legs[0]), S(p.g)};
 }
+/// The firmware's mechanism with these parameters; `of` chooses the type and may be null.
 template <class M>
 M make_mechanism(const FiveBarParams<double>& p, const M* of) {
   return M(params_of(p, of));
@@ -100,7 +101,7 @@ typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return s.delay_ticks.value_or(pacing == Pacing::realtime ? 2.0 : 0.0);
 }
 
-/// Delay that the reaching law tolerates, in ticks: of the sensors, and of torque that no predictor bridges.
+/// Delay, ticks, for which the reaching law is designed: of sensors, and of torque without a predictor.
 [[nodiscard]] inline double borne_delay(const Scene& s, Pacing pacing) {
   return s.sensor_lag_ticks + (s.predictor ? 0.0 : delay_ticks(s, pacing));
 }

@@ -10,6 +10,7 @@
 
 namespace esmc::host {
 
+/// Adds a value's numbers to the list; overloads for each type follow.
 inline void append(std::vector<double>& to, double v) { to.push_back(v); }
 template <class E>
 requires std::is_enum_v<E>

@@ -8,15 +8,15 @@
 
 namespace esmc::host {
 
-/// What a program is planned with: masses and lengths as the controller believes them, friction and payload
-/// of the scene's effects (without such effects the believed friction), the limits of controller, drives and
+/// Problem of planning a program: masses and lengths as the controller believes them, friction and payload of
+/// the scene's effects (without such effects the believed friction), the limits of controller, drives and
 /// moves and, with [uncertainty], a reserve of torque for the worst plant. The scene has a program.
 template <class M>
 plan::Problem<M> program_problem(const Scene& scene);
 
 /// The plan of a scene's program, computed once. Throws InputError naming the move where it cannot be driven.
 std::shared_ptr<const plan::Plan> planned_program(const Scene& scene);
-/// The same for a problem of a scene, not kept.
+/// The plan of a problem, computed at each call. Throws InputError like planned_program().
 template <class M>
 plan::Plan planned(const plan::Problem<M>& p);
 

@@ -6,15 +6,16 @@
 
 namespace esmc::host {
 
-/// A controller of the scene without its gains, its motion (or its workspace) and its uncertainty. The scene
-/// has [uncertainty] and a switching gain. Throws InputError where the reference leaves the reach.
+/// Problem of robust design: the controller without gains, its motion (or workspace), its uncertainty. The
+/// scene has [uncertainty] and a switching gain. Throws InputError where the reference leaves the reach.
 template <class M>
 design::Problem<M> design_problem(const Scene& scene, Pacing pacing);
 
+/// Result of robust design.
 template <class M>
 struct RobustGains {
   Gains<M> gains;
-  double stiffness = 0.0;  ///< of the design, 1/s
+  double stiffness = 0.0;  ///< largest decay rate within the layer, 1/s
 };
 /// Gains for gain = "robust". Throws InputError with the reason where the design is refused.
 template <class M>
