@@ -26,9 +26,9 @@ struct OdriveSettings {
 };
 /// Controller's settings for drive i of a scene, which must have the protocol of the name (not checked).
 OdriveSettings odrive_settings(const Scene& scene, Pacing pacing, std::size_t i);
-drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);
-drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);
-drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);
+drive::Cia402Settings cia402_settings(const Scene& scene, std::size_t i);  ///< of drive i, protocol cia402
+drive::MitAxis::Settings mit_settings(const Scene& scene, std::size_t i);  ///< of drive i, protocol mit
+drive::MoteusAxis::Settings moteus_settings(const Scene& scene, std::size_t i);  ///< of drive i, moteus
 
 /// Ticks within which an ODrive's watchdog must trip in its test and its heartbeat must report that.
 [[nodiscard]] inline std::uint32_t watchdog_proof_ticks(const DriveScene& d, double rate_hz) {

@@ -7,7 +7,7 @@
 namespace esmc::host {
 namespace {
 
-using bake::text;
+using bake::initialiser;
 
 /// A table of points is kept in the image's memory.
 constexpr std::size_t segments_max = 256;
@@ -23,10 +23,10 @@ AxisTypes types_of(const Scene& s) {
   return {"OdriveAxis", "OdriveTable"};
 }
 std::string settings_text(const Scene& scene, Pacing pacing, std::size_t i) {
-  if (scene.drives.protocol == Protocol::cia402) return text(cia402_settings(scene, i));
-  if (scene.drives.protocol == Protocol::mit) return text(mit_settings(scene, i));
-  if (scene.drives.protocol == Protocol::moteus) return text(moteus_settings(scene, i));
-  return text(odrive_settings(scene, pacing, i).table);
+  if (scene.drives.protocol == Protocol::cia402) return initialiser(cia402_settings(scene, i));
+  if (scene.drives.protocol == Protocol::mit) return initialiser(mit_settings(scene, i));
+  if (scene.drives.protocol == Protocol::moteus) return initialiser(moteus_settings(scene, i));
+  return initialiser(odrive_settings(scene, pacing, i).table);
 }
 
 /// Tables of the drives' settings, the statements that make the axes from them, and the bare values of both.
@@ -47,19 +47,21 @@ void add_table(AxesText& out, const Scene& scene, const char* type, const char* 
 AxesText axes_text(const Scene& scene, Pacing pacing) {
   AxesText out;
   const AxisTypes types = types_of(scene);
-  add_table(out, scene, "AxisConfig", "mounts", [&](std::size_t i) { return text(mount(scene, i)); });
+  add_table(out, scene, "AxisConfig", "mounts", [&](std::size_t i) { return initialiser(mount(scene, i)); });
   add_table(out, scene, types.settings, "settings",
             [&](std::size_t i) { return settings_text(scene, pacing, i); });
   for (std::size_t i = 0; i < scene.drives.nodes.size(); ++i) {
     const std::string place = fmt::format("  c.axes[{}]", axis_of(scene, i));
     const OdriveSettings s = scene.odrive() ? odrive_settings(scene, pacing, i) : OdriveSettings{};
-    const std::string more = scene.odrive() ? text(s.version) + ", " + text(s.retry_ticks) + ", " : "";
+    const std::string more =
+        scene.odrive() ? initialiser(s.version) + ", " + initialiser(s.retry_ticks) + ", " : "";
     out.make += fmt::format("{} = drive::{}(mounts[{}], {}settings[{}]);\n", place, types.axis, i, more, i);
     if (!scene.odrive()) continue;
-    out.make += fmt::format("{}.restarts_within({});\n", place, text(s.silence_ticks));
-    if (s.proof_ticks > 0) out.make += fmt::format("{}.prove_watchdog({});\n", place, text(s.proof_ticks));
-    out.values += fmt::format(" {} {} {} {} ", text(s.version), text(s.retry_ticks), text(s.silence_ticks),
-                              text(s.proof_ticks));
+    out.make += fmt::format("{}.restarts_within({});\n", place, initialiser(s.silence_ticks));
+    if (s.proof_ticks > 0)
+      out.make += fmt::format("{}.prove_watchdog({});\n", place, initialiser(s.proof_ticks));
+    out.values += fmt::format(" {} {} {} {} ", initialiser(s.version), initialiser(s.retry_ticks),
+                              initialiser(s.silence_ticks), initialiser(s.proof_ticks));
   }
   return out;
 }
@@ -85,7 +87,7 @@ std::string constants(const Scene& scene, Pacing pacing,
   using S = typename M::Scalar;
   const AxesText axes = axes_text(scene, pacing);
   std::string path;
-  for (const PathSegment<S>& s : reference.path) path += "      " + text(s) + ",\n";
+  for (const PathSegment<S>& s : reference.path) path += "      " + initialiser(s) + ",\n";
   const std::string body = std::visit([&](const auto& c) { return bake::cycle_text(c, line_text(scene)); },
                                       make_cycle_config<M>(scene, pacing, reference));
   return fmt::format(
@@ -111,7 +113,7 @@ std::string constants(const Scene& scene, Pacing pacing,
       static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(scene.data_bitrate),
       static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
       armed_by_link(scene), M::joints == 4 ? "FiveBar" : "Rr",
-      text(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,
+      initialiser(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
                    : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
       body, axes.make);
@@ -137,8 +139,8 @@ std::string values(const Scene& scene, Pacing pacing, const ReferenceBundle<type
       fmt::format("{} {} {} {} {} {}", static_cast<int>(scene.type), static_cast<int>(scene.drives.protocol),
                   static_cast<std::uint32_t>(scene.bitrate), std::llround(1e9 / scene.rate_hz),
                   pacing == Pacing::lockstep, armed_by_link(scene));
-  out += text(cast<typename M::Scalar>(believed_mechanism(scene))) + axes.values + line_text(scene);
-  for (const auto& s : reference.path) out += text(s);
+  out += initialiser(cast<typename M::Scalar>(believed_mechanism(scene))) + axes.values + line_text(scene);
+  for (const auto& s : reference.path) out += initialiser(s);
   out += std::visit([&](const auto& c) { return bake::cycle_text(c, ""); },
                     make_cycle_config<M>(scene, pacing, reference));
   std::erase_if(out, [](char c) { return c == ' ' || c == '\n'; });

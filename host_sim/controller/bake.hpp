@@ -20,7 +20,7 @@ namespace esmc::host::bake {
 
 /// The C++ initialiser of a value, here of a number; throws InputError unless it is finite. Overloads follow.
 template <std::floating_point T>
-std::string text(T v) {
+std::string initialiser(T v) {
   constexpr bool single = std::is_same_v<T, float>;
   if (!std::isfinite(v))
     throw InputError(
@@ -28,19 +28,21 @@ std::string text(T v) {
         "a number of this scene, or the quotient of two, is beyond what the scalar type of the image holds");
   return fmt::format("{:a}{}", v, single ? "F" : "");
 }
-inline std::string text(bool v) { return v ? "true" : "false"; }
+inline std::string initialiser(bool v) { return v ? "true" : "false"; }
 template <std::integral T>
-std::string text(T v) {
+std::string initialiser(T v) {
   if constexpr (std::is_signed_v<T>) return fmt::format("{}", static_cast<long long>(v));
   return fmt::format("{}U{}", static_cast<unsigned long long>(v), sizeof(T) > 4 ? "LL" : "");
 }
 /// The image's Enum converts to the enumeration in its place.
 template <class T>
-requires std::is_enum_v<T> std::string text(T v) { return fmt::format("Enum{{{}}}", static_cast<int>(v)); }
+requires std::is_enum_v<T> std::string initialiser(T v) {
+  return fmt::format("Enum{{{}}}", static_cast<int>(v));
+}
 template <class S, int N>
-std::string text(const Eigen::Matrix<S, N, 1>& v) {
+std::string initialiser(const Eigen::Matrix<S, N, 1>& v) {
   std::string out = "column(";
-  for (int i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  for (int i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + initialiser(v[i]);
   return out + ")";
 }
 
@@ -74,31 +76,31 @@ inline constexpr int members<LegParams<S>> = 15;
 
 // Declared before they are needed: arrays of aggregates, aggregates of aggregates.
 template <class T>
-requires(members<T> > 0) std::string text(const T& v);
-inline std::string text(const link::Parameters&);
+requires(members<T> > 0) std::string initialiser(const T& v);
+inline std::string initialiser(const link::Parameters&);
 template <class S>
-std::string text(const PathSegment<S>&);
+std::string initialiser(const PathSegment<S>&);
 
 template <class T, std::size_t N>
-std::string text(const std::array<T, N>& v) {
+std::string initialiser(const std::array<T, N>& v) {
   std::string out = "{{";
-  for (std::size_t i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + text(v[i]);
+  for (std::size_t i = 0; i < N; ++i) out += (i > 0 ? ", " : "") + initialiser(v[i]);
   return out + "}}";
 }
 template <class T, int N>
-std::string text(const List<T, N>& v) {
-  return "{" + text(v.items) + "}";
+std::string initialiser(const List<T, N>& v) {
+  return "{" + initialiser(v.items) + "}";
 }
 /// An expression of C++ in place of a value.
 struct Code {
   std::string expression;
 };
-inline std::string text(const Code& v) { return v.expression; }
+inline std::string initialiser(const Code& v) { return v.expression; }
 /// The initialisers of all members, separated by ", "; braces(): in braces.
 template <class... T>
 std::string list(const T&... member) {
   std::string out;
-  ((out += (out.empty() ? "" : ", ") + text(member)), ...);
+  ((out += (out.empty() ? "" : ", ") + initialiser(member)), ...);
   return out;
 }
 template <class... T>
@@ -107,7 +109,7 @@ std::string braces(const T&... member) {
 }
 
 template <class T>
-requires(members<T> > 0) std::string text(const T& v) {
+requires(members<T> > 0) std::string initialiser(const T& v) {
   if constexpr (members<T> == 2) {
     const auto& [a, b] = v;
     return braces(a, b);
@@ -125,46 +127,46 @@ requires(members<T> > 0) std::string text(const T& v) {
     return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n);
   }
 }
-inline std::string text(const link::Parameters& v) {
-  return "link::Parameters(" + text(v.values()) + ", " + text(v.bounds()) + ")";
+inline std::string initialiser(const link::Parameters& v) {
+  return "link::Parameters(" + initialiser(v.values()) + ", " + initialiser(v.bounds()) + ")";
 }
-inline std::string text(const link::LinkConfig& v) {
+inline std::string initialiser(const link::LinkConfig& v) {
   const auto& [base_id, session, jump, age, status, telemetry, table, period, source, space, position, scene,
                parameters, has_path, unattended] = v;
   (void)session;  // drawn by the image
   return braces(base_id, std::uint8_t{1}, jump, age, status, telemetry, table, period, source, space,
                 position, scene, parameters, has_path, unattended);
 }
-inline std::string text(const drive::MitAxis::Settings& v) {
+inline std::string initialiser(const drive::MitAxis::Settings& v) {
   const auto& [ranges, dialect, master, retry, unit] = v;
   const auto& [position, velocity, torque] = ranges;
   return braces(Code{braces(position, velocity, torque)}, dialect, master, retry, unit);
 }
 template <class S>
-std::string text(const PathSegment<S>& v) {
+std::string initialiser(const PathSegment<S>& v) {
   const auto& [start_tick, offset, curve] = v;
   const auto& [duration, c] = curve;
   return braces(start_tick, offset, Code{braces(duration, c)});
 }
 /// The initialiser of a reference, whose path is the variable `path` of the image.
 template <class S>
-std::string text(const Reference<S>& v) {
+std::string initialiser(const Reference<S>& v) {
   const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;
   return braces(kind, space, centre, amplitude, speed, phase, Code{"path"}, repeat);
 }
 template <class M>
-std::string text(const Gains<M>& v) {
+std::string initialiser(const Gains<M>& v) {
   const auto& [lambda, k, layer, own] = v;
   const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
   return braces(lambda, k, layer, Code{braces(own_lambda, own_k, own_layer, kp, kd)});
 }
 template <class S, int Joints>
-std::string text(const MotorMap<S, Joints>& v) {
+std::string initialiser(const MotorMap<S, Joints>& v) {
   const auto& [factor, amplitude, per_turn, phase] = v;
   return braces(factor, amplitude, per_turn, phase);
 }
 template <class S>
-std::string text(const HomingConfig<S>& v) {
+std::string initialiser(const HomingConfig<S>& v) {
   const auto& [speed, torque, damping, travel, back_off, share] = v;
   return braces(speed, torque, damping, travel, back_off, share);
 }
@@ -186,7 +188,7 @@ inline std::string part_text(std::initializer_list<std::pair<bool, const char*>>
 
 /// Initialiser of the configuration, for the C++ of an image; its mechanism is the image's `believed`.
 template <class M>
-std::string text(const ControllerConfig<M>& v) {
+std::string initialiser(const ControllerConfig<M>& v) {
   const auto& [m, mode, law, reaching, gains, reference, limits, torque_limit, torque_weight, sample_time,
                torque_lead, join, ramp, sign_test, halt, lower, after_halt, enabling, stopping,
                setpoint_speed, setpoint_acceleration, setpoint_jerk, motors, sensors, preload, allocate,
@@ -198,7 +200,9 @@ std::string text(const ControllerConfig<M>& v) {
                            {p == &part::elbow_rotors<M>, "elbow_rotors"}})};
   };
   std::string lines;
-  const auto add = [&](const auto&... member) { ((lines += "          " + text(member) + ",\n"), ...); };
+  const auto add = [&](const auto&... member) {
+    ((lines += "          " + initialiser(member) + ",\n"), ...);
+  };
   add(Code{"Mechanism(believed)"}, Code{mode_text(mode)}, law, reaching, gains, reference, limits,
       torque_limit, torque_weight, sample_time, torque_lead, join, ramp, sign_test, halt, lower, after_halt,
       enabling, stopping, setpoint_speed, setpoint_acceleration, setpoint_jerk, motors, sensors, preload,
@@ -218,10 +222,10 @@ std::string cycle_text(const Config& v, const std::string& line) {
                torque_time, timed, link, delay, homing] = v;
   link::LinkConfig known = link;
   known.session = 1;
-  return "      " + text(controller) + ",\n      {},\n      " + line + ",\n      " +
+  return "      " + initialiser(controller) + ",\n      {},\n      " + line + ",\n      " +
          list(count, heartbeat, waiting, confirmed, absolute, zero, mismatch, torque_time, timed) +
-         ",\n      " + text(known) + ",\n      " + text(delay) +
-         (homing.travel > 0 ? ",\n      " + text(homing) : "");
+         ",\n      " + initialiser(known) + ",\n      " + initialiser(delay) +
+         (homing.travel > 0 ? ",\n      " + initialiser(homing) : "");
 }
 
 }  // namespace esmc::host::bake

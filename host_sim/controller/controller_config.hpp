@@ -50,6 +50,7 @@ LegParams<S> cast(const LegParams<double>& p) {
   return {S(p.l1), S(p.l2), S(p.lg1),    S(p.lg2),    S(p.m1),         S(p.m2),         S(p.J1),    S(p.J2),
           S(p.d1), S(p.d2), S(p.gamma1), S(p.gamma2), S(p.asymmetry1), S(p.asymmetry2), S(p.rotor2)};
 }
+/// The parameters of a five-bar, each rounded to S.
 template <class S>
 FiveBarParams<S> cast(const FiveBarParams<double>& p) {
   return {S(p.l0), S(p.m0), S(p.g), {cast<S>(p.legs[0]), cast<S>(p.legs[1])}};
@@ -60,6 +61,7 @@ template <class S>
 FiveBarParams<S> params_of(const FiveBarParams<double>& p, const FiveBar<S>*) {
   return cast<S>(p);
 }
+/// Parameters of the RR arm: leg 1 and gravity, rounded to S.
 template <class S>
 RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
   return {cast<S>(p.legs[0]), S(p.g)};
@@ -81,6 +83,7 @@ template <class S>
 typename FiveBar<S>::Mode mode_of(const Scene& s, const FiveBar<S>*) {
   return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
 }
+/// Working mode of an RR scene.
 template <class S>
 typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
   return {s.working_mode[0]};

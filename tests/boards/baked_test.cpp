@@ -39,22 +39,22 @@ std::string content(const std::string& path) {
 std::string settings(const host::Scene& scene, std::size_t i) {
   switch (scene.drives.protocol) {
     case host::Protocol::cia402:
-      return host::bake::text(host::cia402_settings(scene, i));
+      return host::bake::initialiser(host::cia402_settings(scene, i));
     case host::Protocol::mit:
-      return host::bake::text(host::mit_settings(scene, i));
+      return host::bake::initialiser(host::mit_settings(scene, i));
     case host::Protocol::moteus:
-      return host::bake::text(host::moteus_settings(scene, i));
+      return host::bake::initialiser(host::moteus_settings(scene, i));
     case host::Protocol::odrive:
     case host::Protocol::odrive_0_5:
       break;
   }
-  return host::bake::text(host::odrive_settings(scene, host::Pacing::lockstep, i).table);
+  return host::bake::initialiser(host::odrive_settings(scene, host::Pacing::lockstep, i).table);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  using host::bake::text;
+  using host::bake::initialiser;
   host::RunOptions options;
   const std::string folder = argv[1];
   options.scene = argv[2];
@@ -68,20 +68,20 @@ int main(int argc, char** argv) {
   same("configuration", host::bake::cycle_text(got, ""), host::bake::cycle_text(wanted, ""));
   const auto belief = host::believed_mechanism(scene);
   if constexpr (Mechanism::joints == 4) {
-    same("mechanism", text(baked::believed), text(host::cast<Scalar>(belief)));
+    same("mechanism", initialiser(baked::believed), initialiser(host::cast<Scalar>(belief)));
   } else {
     const auto cast = host::cast<Scalar>(belief);
-    same("mechanism", text(baked::believed), text(RrParams<Scalar>{cast.legs[0], cast.g}));
+    same("mechanism", initialiser(baked::believed), initialiser(RrParams<Scalar>{cast.legs[0], cast.g}));
   }
   same("drives", std::to_string(std::size(baked::mounts)), std::to_string(scene.drives.nodes.size()));
   for (std::size_t i = 0; i < std::size(baked::mounts); ++i) {
-    same(fmt::format("mount {}", i), text(baked::mounts[i]), text(host::mount(scene, i)));
-    same(fmt::format("settings {}", i), text(baked::settings[i]), settings(scene, i));
+    same(fmt::format("mount {}", i), initialiser(baked::mounts[i]), initialiser(host::mount(scene, i)));
+    same(fmt::format("settings {}", i), initialiser(baked::settings[i]), settings(scene, i));
   }
   const auto path = got.controller.reference.path;
   same("path", std::to_string(path.size()), std::to_string(reference.path.size()));
   for (std::size_t i = 0; i < path.size(); ++i)
-    same(fmt::format("path {}", i), text(path[i]), text(reference.path[i]));
+    same(fmt::format("path {}", i), initialiser(path[i]), initialiser(reference.path[i]));
 
   Node a(got), b(wanted);
   const test::NodeRun one = test::run_node(a, options, scene, folder + "/baked.log");
