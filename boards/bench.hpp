@@ -105,6 +105,7 @@ class LoopBackBus {
       watch_.spent[receive] = before;
     }
   }
+  /// Withdraws perishable frames, where the bus can.
   void withdraw() requires requires(Bus& b) { b.withdraw(); }
   { bus_.withdraw(); }
   /// CRC-32 of identifiers and data that the node has sent.

@@ -66,7 +66,7 @@ class Sum {
     empty_ = false;
   }
   [[nodiscard]] ESMC_INLINE T plus(const T& x) const { return empty_ ? x : T(value_ + x); }  ///< sum + x
-  [[nodiscard]] bool empty() const { return empty_; }
+  [[nodiscard]] bool empty() const { return empty_; }  ///< nothing was added
   /// The sum; undefined while empty.
   [[nodiscard]] const T& value() const { return value_; }
 

@@ -15,6 +15,7 @@ struct IdFilter {
   std::uint32_t id = 0, mask = 0;  ///< 11 bits, or 29 with `extended`
   bool extended = false;
 
+  /// True if the filter accepts f.
   [[nodiscard]] constexpr bool matches(const CanFrame& f) const {
     return f.extended == extended && ((f.id ^ id) & mask) == 0;
   }

@@ -14,6 +14,7 @@ namespace esmc {
 /// Histogram of times in whole microseconds; a millisecond or more falls into the bin 1000.
 class Histogram {
  public:
+  /// Adds a time, us.
   void add(std::uint32_t us) {
     ++bins_[us < bins_.size() ? us : bins_.size() - 1];
     ++count_;

@@ -10,6 +10,7 @@
 
 namespace esmc {
 
+/// The register at an absolute address.
 [[nodiscard]] inline volatile std::uint32_t& reg(std::uint32_t address) {
   return *reinterpret_cast<volatile std::uint32_t*>(address);
 }
@@ -17,6 +18,7 @@ namespace esmc {
 /// CMSDK APB UART, polled, as a hal::BytePort. Bytes that cannot be sent at once wait in a ring.
 class Uart {
  public:
+  /// Starts the UART whose registers begin at `base`.
   explicit Uart(std::uint32_t base) : base_(base) {
     reg(base_ + bauddiv) = 217;  // 115 200 of 25 MHz; ignored by the emulator
     reg(base_ + control) = 3;    // transmitter and receiver on, no interrupts
@@ -62,7 +64,7 @@ class Watchdog {
     reg(base + load) = 25U * time_us;
     reg(base + control) = 3;
   }
-  void refresh() { reg(base + clear) = 1; }
+  void refresh() { reg(base + clear) = 1; }  ///< restarts the time-out
 
  private:
   static constexpr std::uint32_t base = 0x4000'8000U, load = 0, control = 8, clear = 0xC, lock = 0xC00;
@@ -80,7 +82,7 @@ class Mps2Board {
   }
 
   [[nodiscard]] hal::SlcanBus<Uart>& bus() { return bus_; }
-  [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }
+  [[nodiscard]] std::uint32_t now_us() const { return reg(fpgaio + counter); }  ///< wraps after 71 minutes
 
   /// The light that shows `drive_enable`.
   struct Led {

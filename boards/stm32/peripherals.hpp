@@ -10,7 +10,7 @@ using Word = std::uint32_t;
 
 /// The register at an absolute address.
 [[nodiscard]] inline volatile Word& reg(Word address) { return *reinterpret_cast<volatile Word*>(address); }
-inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bits; }
+inline void set_bits(Word address, Word bits) { reg(address) = reg(address) | bits; }  ///< others stay
 /// Replaces the bits of `mask` by those of `value`, which has no others: not checked.
 inline void set_field(Word address, Word mask, Word value) { reg(address) = (reg(address) & ~mask) | value; }
 /// Reads a register of the clock control back, after which a clock that was switched on runs.
@@ -53,8 +53,9 @@ struct Pin {
     set_field(port + 0x08, 3U << (2 * number), 2U << (2 * number));  // fast edges
     set_field(port, 3U << (2 * number), 2U << (2 * number));
   }
-  /// True if an input is high (hal::DigitalInput); set(): level of an output (hal::DigitalOutput).
+  /// True if an input is high (hal::DigitalInput).
   [[nodiscard]] bool closed() const { return ((reg(port + 0x10) >> number) & 1U) != 0; }
+  /// Sets the level of an output (hal::DigitalOutput).
   void set(bool on) const { reg(port + 0x18) = 1U << (on ? number : number + 16); }
 };
 
@@ -79,7 +80,7 @@ inline void start_microseconds(Word timer_hz) {
 /// The independent watchdog with its own oscillator (32 kHz within some per cent). Only a reset stops it.
 class IndependentWatchdog {
  public:
-  explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
+  explicit constexpr IndependentWatchdog(Word base) : base_(base) {}  ///< address of its registers
   /// Starts the watchdog. `timeout_us`: 1000 to 500 000, not checked.
   void start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
@@ -89,7 +90,7 @@ class IndependentWatchdog {
     (void)await(base_ + 12, 7, 0);
     refresh();
   }
-  void refresh() const { reg(base_) = 0xAAAA; }
+  void refresh() const { reg(base_) = 0xAAAA; }  ///< restarts the time-out
 
  private:
   Word base_;
@@ -98,7 +99,7 @@ class IndependentWatchdog {
 /// Text output, 115 200 bit/s. Never waits: text that does not fit the ring is dropped.
 class Console {
  public:
-  explicit constexpr Console(Word base) : base_(base) {}
+  explicit constexpr Console(Word base) : base_(base) {}  ///< address of the USART; see start()
   /// Starts the line with a peripheral clock of clock_hz; call again when that clock changes.
   void start(Word clock_hz) const {
     reg(base_) = 0;                           // the rate can be set while it is off

@@ -241,7 +241,7 @@ class JoinedReference {
   JoinedReference(const Reference<S>& reference, std::uint32_t join_ticks, S sample_time)
       : reference_(reference), join_ticks_(join_ticks), sample_time_(sample_time) {}
 
-  [[nodiscard]] const Reference<S>& reference() const { return reference_; }
+  [[nodiscard]] const Reference<S>& reference() const { return reference_; }  ///< without the offset
 
   /// Begins at this position and velocity (m or rad, per s) at tick 0, in the coordinates of the reference.
   /// With hold_start the position becomes the centre.

@@ -14,6 +14,7 @@ typename FiveBar<S>::Rates quarter(const typename FiveBar<S>::Rates& a, const ty
   for (int j = 0; j < 2; ++j) out.leg[j] = (a.leg[j] - b.leg[j]) * S(0.25);
   return out;
 }
+/// (a - b) / 4 for the RR arm.
 template <class S>
 Vec2<S> quarter(const Vec2<S>& a, const Vec2<S>& b, const Rr<S>&) {
   return (a - b) * S(0.25);

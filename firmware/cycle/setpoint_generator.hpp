@@ -24,7 +24,7 @@ class MovingAverage {
   explicit MovingAverage(std::uint32_t length)
       : length_(length < 1 ? 1U : (length > length_max ? length_max : length)) {}
 
-  [[nodiscard]] std::uint32_t length() const { return length_; }
+  [[nodiscard]] std::uint32_t length() const { return length_; }  ///< ticks, 1 .. length_max
   /// Fills the memory with a motion at constant velocity with this mean; returns its present position.
   Vec2<S> begin(const Vec2<S>& mean, const Vec2<S>& velocity, S sample_time) {
     const Vec2<S> step = velocity * sample_time;

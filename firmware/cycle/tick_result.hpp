@@ -26,6 +26,7 @@ struct TickResult {
   typename M::Channels sliding;        ///< s of every channel, unit of the channel / s; zero without the law
 
   struct Unset {};
+  /// A tick without torque, estimate and desired motion, in `disabled`.
   TickResult() : TickResult(Unset{}) {
     clear_estimate();
     clear_desired();

@@ -32,10 +32,10 @@ class CommandLink {
   void add_filters(hal::IdFilters& list) const {
     if (active()) list.add({config_.base_id, 0x7FF & ~(block_size - 1U), false});
   }
-  [[nodiscard]] const Parameters& parameters() const { return parameters_; }
-  [[nodiscard]] const Counters& counters() const { return counters_; }
-  [[nodiscard]] std::uint8_t session() const { return session_; }
-  [[nodiscard]] std::uint32_t scene() const { return config_.scene; }
+  [[nodiscard]] const Parameters& parameters() const { return parameters_; }  ///< present values
+  [[nodiscard]] const Counters& counters() const { return counters_; }        ///< of received frames
+  [[nodiscard]] std::uint8_t session() const { return session_; }      ///< 1..255, part of every checksum
+  [[nodiscard]] std::uint32_t scene() const { return config_.scene; }  ///< LinkConfig::scene
 
   /// Begins a tick; call before its frames.
   void begin_tick() { ++tick_; }

@@ -68,7 +68,7 @@ class ParameterSlots {
     return slots_[current_].gains;
   }
 
-  [[nodiscard]] const StoreStatus& status() const { return status_; }
+  [[nodiscard]] const StoreStatus& status() const { return status_; }  ///< of store and slots
   /// True while poll() carries out a store() or forget().
   [[nodiscard]] bool busy() const {
     return status_.state == StoreState::storing || status_.state == StoreState::forgetting;

@@ -19,8 +19,8 @@ class Rr {
   static constexpr int joints = 2;
   static constexpr int channels = Leg::channels;
   static constexpr bool has_type2 = false;
-  static constexpr bool has_mass(int row) { return Leg::has_mass(row); }
-  using Independent = Vec2<S>;  ///< joint rates
+  static constexpr bool has_mass(int row) { return Leg::has_mass(row); }  ///< see Serial
+  using Independent = Vec2<S>;                                            ///< joint rates
   using Channels = typename Leg::Channels;
   using Rates = Vec2<S>;
 
@@ -75,8 +75,8 @@ class Rr {
   // ---- what a control law needs: the same names and meanings as in FiveBar, Coupling ----
 
   static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }  ///< false: a length
-  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }
-  [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }
+  [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }     ///< joint rates, rad/s
+  [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }            ///< joint rates, rad/s
   /// theta_d - theta of both joints, rad, in [-pi, pi].
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     Vec2<S> out;
@@ -96,26 +96,30 @@ class Rr {
     arm_.template for_each_error_row<joint_rows>(t.desired_pose.arm, t.desired_rates, t.desired_acceleration,
                                                  t.pose.arm, t.rates, f);
   }
+  /// Calls f(row, C sigma, C acceleration + Cdot(a) b) once per channel [F33]; see Serial.
   template <class F>
   ESMC_INLINE void for_each_reference_row(const Pose& p, const Rates& sigma, const Rates& acceleration,
                                           const Rates& a, const Rates& b, F&& f) const {
     arm_.for_each_reference_row(p.arm, sigma, acceleration, a, b, f);
   }
-  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }  ///< see Serial
-  [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }
+  static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }                   ///< see Serial
+  [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }  ///< joint rates p
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
-  [[nodiscard]] Rates base_rates(const Pose&, const Vec2<S>& b) const { return b; }
+  [[nodiscard]] Rates base_rates(const Pose&, const Vec2<S>& b) const { return b; }  ///< joint rates b
   [[nodiscard]] Rates base_accelerations(const Pose&, const Rates&, const Vec2<S>& b) const { return b; }
   [[nodiscard]] Channels channel_rates(const Pose& p, const Rates& r) const { return arm_.rates(p.arm, r); }
+  /// C acceleration + Cdot(a) b: accelerations of all channels, rad/s2 and m/s2 [F5].
   [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& a, const Rates& b,
                                                const Rates& acceleration) const {
     return arm_.rates(p.arm, acceleration) + arm_.bias(p.arm, a, b);
   }
+  /// C acceleration + Cdot r: accelerations of all channels at joint rates r.
   [[nodiscard]] Channels channel_accelerations(const Pose& p, const Rates& r,
                                                const Rates& acceleration) const {
     return channel_accelerations(p, r, r, acceleration);
   }
+  /// M v + f + g, forces on the channels, N m and N: see Serial::force.
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
   void add_rotors(Channels& v) const { arm_.add_rotors(v); }   ///< see Serial
   [[nodiscard]] Channels mass() const { return arm_.mass(); }  ///< diagonal of M, kg m2 and kg

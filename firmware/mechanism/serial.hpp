@@ -34,7 +34,7 @@ class Serial {
   /// gravity: along -y, m/s2, >= 0.
   constexpr Serial(const List<Body<S>, joints>& bodies, S gravity) : chain_(bodies), gravity_(gravity) {}
 
-  [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }
+  [[nodiscard]] const Body<S>& body(int i) const { return chain_.body(i); }  ///< constants, i < joints
 
   /// Pose at q: joint angles (rad; NaN beyond the range of sin_cos) and displacements (m).
   [[nodiscard]] static Pose pose(const Joints& q) {

@@ -78,7 +78,7 @@ class Supervisor {
   Supervisor() = default;
   explicit Supervisor(const Config& config) : config_(config) {}
 
-  [[nodiscard]] State state() const { return state_; }
+  [[nodiscard]] State state() const { return state_; }  ///< after the last begin_tick() or raise()
   /// The first fault since power-up or reset; Fault::none where there was none.
   [[nodiscard]] Fault fault() const { return fault_; }
   [[nodiscard]] bool running() const { return state_ == State::running; }

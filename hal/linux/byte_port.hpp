@@ -29,7 +29,7 @@ class SerialPort {
   ~SerialPort();
 
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
-  [[nodiscard]] int descriptor() const { return fd_.get(); }
+  [[nodiscard]] int descriptor() const { return fd_.get(); }  ///< for poll(); -1: not open
 
   /// True: all of `out` (up to 64 bytes) is taken, of which a rest may wait for flush(). False: nothing is.
   [[nodiscard]] bool try_write(std::span<const char> out);
@@ -70,9 +70,9 @@ class SlcanAdapter {
   SlcanAdapter& operator=(const SlcanAdapter&) = delete;
   ~SlcanAdapter();
 
-  [[nodiscard]] SerialPort& port() { return port_; }
-  SendStatus try_send(const CanFrame& f) { return bus_.try_send(f); }
-  [[nodiscard]] bool try_receive(CanFrame& f) { return bus_.try_receive(f); }
+  [[nodiscard]] SerialPort& port() { return port_; }                           ///< the serial line
+  SendStatus try_send(const CanFrame& f) { return bus_.try_send(f); }          ///< see SlcanBus
+  [[nodiscard]] bool try_receive(CanFrame& f) { return bus_.try_receive(f); }  ///< see SlcanBus
 
  private:
   void command(std::span<const char> line);

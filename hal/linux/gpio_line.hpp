@@ -33,7 +33,7 @@ class GpioLine {
   /// `kernel` must outlive the line.
   [[nodiscard]] std::error_code request(const std::string& place, Use use, const char* consumer,
                                         const GpioKernel& kernel = gpio_kernel);
-  [[nodiscard]] bool is_open() const { return line_ >= 0; }
+  [[nodiscard]] bool is_open() const { return line_ >= 0; }  ///< request() has succeeded
 
   /// True if the contact is closed (hal::DigitalInput), and without a request; false if it cannot be read.
   [[nodiscard]] bool closed() const;

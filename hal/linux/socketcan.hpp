@@ -23,7 +23,7 @@ class SocketCan {
   explicit SocketCan(int fd) : fd_(fd) {}
 
   [[nodiscard]] bool is_open() const { return fd_.is_open(); }
-  [[nodiscard]] int descriptor() const { return fd_.get(); }
+  [[nodiscard]] int descriptor() const { return fd_.get(); }  ///< for poll(); -1: not open
 
   /// Lets the kernel drop the frames that `filters` does not match; an empty list passes all frames. False:
   /// the kernel refused, and the previous filters stay.

@@ -171,7 +171,7 @@ class SlcanBus {
     return false;
   }
 
-  [[nodiscard]] constexpr const SlcanDecoder& decoder() const { return decoder_; }
+  [[nodiscard]] constexpr const SlcanDecoder& decoder() const { return decoder_; }  ///< counts lines
 
  private:
   P* port_;

@@ -52,8 +52,8 @@ class PlantEnd {
     if (o.capture != nullptr) recorder_.log().keep(&o.capture->log);
   }
 
-  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
-  [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }
+  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }    ///< of this run
+  [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }     ///< mechanism and drives
   [[nodiscard]] bool released() const { return plant_.released(); }  ///< all drives are armed: t >= 0
   [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< simulation.duration is over
   /// Number of recorded ticks.

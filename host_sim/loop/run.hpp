@@ -16,10 +16,10 @@
 
 namespace esmc::host {
 
-int run_sim(const RunOptions& o);
-int run_hil(const RunOptions& o);
-int run_plant(const RunOptions& o);
-int run_controller(const RunOptions& o);
+int run_sim(const RunOptions& o);         ///< `esmc sim`
+int run_hil(const RunOptions& o);         ///< `esmc hil`, paced or not
+int run_plant(const RunOptions& o);       ///< `esmc plant`
+int run_controller(const RunOptions& o);  ///< `esmc controller`
 /// `esmc hil --realtime`, for a scene that may run on o.bus.
 int run_hil_realtime(const Scene& scene, const RunOptions& o);
 /// `esmc controller --observe`: prints what the controller sees of the drives, for scene.duration s of wall

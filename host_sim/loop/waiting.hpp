@@ -27,6 +27,7 @@ class Pace {
       : waits_(waits),
         period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
         next_(Clock::now()) {}
+  /// Sleeps until the next instant.
   void wait() {
     if (!waits_) return;
     next_ += period_;
@@ -71,6 +72,7 @@ inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
 inline bool wait_for_frame(HostBus& bus, int milliseconds) {
   return wait_for_frame(bus, std::chrono::milliseconds(milliseconds));
 }
+/// A virtual bus: returns at once whether a frame waits.
 template <class Port>
 requires requires(const Port& p) { p.waiting(); }
 bool wait_for_frame(Port& port, int) { return port.waiting() > 0; }

@@ -47,11 +47,12 @@ inline PerKind value_of<PerKind>(Section& s, const std::string& key) {
   const auto [position, angle] = s.per_kind(key);
   return {position, angle};
 }
-/// Sets `to` to the key's value or default; an optional one stays as it is where the key is absent.
+/// Sets `to` to the key's value or default.
 template <class T>
 void take(Section& s, const std::string& key, T& to) {
   to = value_of<T>(s, key);
 }
+/// Sets `to` to the value of the key; it stays as it is where the key is absent.
 template <class T>
 void take(Section& s, const std::string& key, std::optional<T>& to) {
   if (s.given(key)) to = value_of<T>(s, key);

@@ -29,6 +29,7 @@ Scene read_scene_table(toml::table table, const std::string& file);
 /// does not have is a std::logic_error. The TOML table and `keys` must outlive the Section.
 class Section {
  public:
+  /// `file`, `name`: for messages; `errors`: the list of the root, null for the root itself.
   Section(const toml::table& table, std::string file, std::string name, std::string schema,
           std::span<const Key> keys = scene_keys(),
           std::shared_ptr<std::vector<std::string>> errors = nullptr)
@@ -53,13 +54,12 @@ class Section {
   /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
   [[nodiscard]] std::string where(const std::string& key, const std::vector<std::string>& others) const;
 
-  /// Reads a value of the type that the name says; errors and defaults as in the class comment.
-  double number(const std::string& key);
-  std::optional<double> optional_number(const std::string& key);
-  int integer(const std::string& key);
-  bool boolean(const std::string& key);
-  std::string text(const std::string& key);
-  std::optional<std::string> optional_text(const std::string& key);
+  double number(const std::string& key);                             ///< reads a number
+  std::optional<double> optional_number(const std::string& key);     ///< reads a number; none: absent
+  int integer(const std::string& key);                               ///< reads an integer
+  bool boolean(const std::string& key);                              ///< reads true or false
+  std::string text(const std::string& key);                          ///< reads a string
+  std::optional<std::string> optional_text(const std::string& key);  ///< reads a string; none: absent
   /// Reads an enumerator of E by its name; the key's choices must be the names of E.
   template <Named E>
   E choice(const std::string& key) {
@@ -164,16 +164,16 @@ void read_whole(const Section& root, F&& read) {
 
 // Readers of the sections of a scene into `scene`, in the order of their calls: each needs those before, and
 // [mechanism] and [control]. All throw InputError.
-void read_uncertainty(Section s, Scene& scene);
-void read_reference(Section s, Scene& scene);
+void read_uncertainty(Section s, Scene& scene);  ///< [uncertainty]
+void read_reference(Section s, Scene& scene);    ///< [reference]
 /// [reference] type = "program": its own keys and the moves.
 void read_program(Section& s, Scene& scene);
 /// Adds to a program the start of the scene and the effects that it is planned with.
 void complete_program(Scene& scene);
-void read_drives(Section s, Scene& scene);
+void read_drives(Section s, Scene& scene);  ///< [drives]
 /// Passive encoders, which follow the motors in the lists of nodes. `given` is [sensors], `root` its table.
 void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene);
-void read_command(Section s, Scene& scene);
-void read_effects(Section& root, Scene& scene);
+void read_command(Section s, Scene& scene);      ///< [command]
+void read_effects(Section& root, Scene& scene);  ///< every [[effects]] of the file
 
 }  // namespace esmc::host
