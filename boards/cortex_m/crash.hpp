@@ -26,8 +26,8 @@ struct CrashRecord {
            (exception + 3U * fault_status + 5U * address + 13U * sp + 17U * hard_status + 7U * pc + 11U * lr);
   }
   [[nodiscard]] bool sealed() const { return valid == sum(); }  ///< the record is complete
-  void seal() { valid = sum(); }                                ///< call when all fields are set
-  void forget() { valid = 0; }                                  ///< the record is no longer sealed()
+  void seal() { valid = sum(); }  ///< marks the record complete; all fields must be set
+  void forget() { valid = 0; }    ///< erases the record: sealed() is then false
 };
 extern CrashRecord crash_record;
 

@@ -80,7 +80,8 @@ inline void start_microseconds(Word timer_hz) {
 /// The independent watchdog with its own oscillator (32 kHz within some per cent). Only a reset stops it.
 class IndependentWatchdog {
  public:
-  explicit constexpr IndependentWatchdog(Word base) : base_(base) {}  ///< address of its registers
+  /// `base`: address of its registers.
+  explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
   /// Starts the watchdog. `timeout_us`: 1000 to 500 000, not checked.
   void start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
@@ -99,7 +100,8 @@ class IndependentWatchdog {
 /// Text output, 115 200 bit/s. Never waits: text that does not fit the ring is dropped.
 class Console {
  public:
-  explicit constexpr Console(Word base) : base_(base) {}  ///< address of the USART; see start()
+  /// `base`: address of the USART, which is off until start().
+  explicit constexpr Console(Word base) : base_(base) {}
   /// Starts the line with a peripheral clock of clock_hz; call again when that clock changes.
   void start(Word clock_hz) const {
     reg(base_) = 0;                           // the rate can be set while it is off
@@ -126,7 +128,7 @@ class Console {
       put("0123456789abcdef"[(value >> static_cast<unsigned>(shift)) & 0xFU]);
     return *this;
   }
-  [[nodiscard]] bool idle() const { return tail_ == head_; }  ///< the ring is empty
+  [[nodiscard]] bool idle() const { return tail_ == head_; }  ///< all text has been sent
   /// Sends the next byte if the line is ready; nothing else sends, so call it again and again.
   void pump() {
     if (tail_ == head_ || (reg(base_ + 0x1C) & (1U << 7)) == 0) return;

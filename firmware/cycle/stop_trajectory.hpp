@@ -15,7 +15,7 @@ class StopTrajectory {
   /// `ticks`: duration, > 0 if begin() is called; `sample_time`: s, > 0.
   StopTrajectory(std::uint32_t ticks, S sample_time) : ticks_(ticks), sample_time_(sample_time) {}
 
-  [[nodiscard]] bool begun() const { return begun_; }  ///< from begin() to end()
+  [[nodiscard]] bool begun() const { return begun_; }  ///< true from begin() to end()
   /// Begins at these base angles (rad) and rates v (rad/s). With the duration T = ticks * sample_time the
   /// quintic ends v T / 2 ahead and does not overshoot: with u = t / T its speed is v (1 - 3 u^2 + 2 u^3),
   /// its largest deceleration 1.5 v / T.
@@ -29,7 +29,7 @@ class StopTrajectory {
     tick_ = 0;
     begun_ = true;
   }
-  void end() { begun_ = false; }  ///< begun() is false until the next begin()
+  void end() { begun_ = false; }  ///< ends the motion: begun() is false
   /// Moves on to the next tick; no effect unless begun().
   void advance() {
     if (begun_ && tick_ < last) ++tick_;

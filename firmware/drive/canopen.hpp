@@ -107,7 +107,7 @@ struct Emergency {
   std::uint16_t code;           ///< 0: no error any more
   std::uint8_t error_register;  ///< object 1001
 };
-/// EMCY of a node (1..127), vendor bytes 0.
+/// EMCY frame of a node (1..127) with code and error register; vendor bytes 0.
 [[nodiscard]] constexpr hal::CanFrame encode_emergency(std::uint8_t node, Emergency e) {
   hal::CanFrame f = hal::data_frame(id_emergency + node, 8);
   put_field(f, 0, e.code, 2);

@@ -86,7 +86,9 @@ class Cia402Axis {
   /// in a row, was stopped by NMT, or booted. The drive's abort-connection option ends the torque of a
   /// stopped drive; that option does not apply in pre-operational.
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
-  [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< enabled, and not idle() since
+  [[nodiscard]] bool must_be_released() const {
+    return release_pending_;
+  }                                                    ///< torque enabled, not idle() since
   [[nodiscard]] bool alive() const { return alive_; }  ///< a heartbeat, EMCY or SDO reply was received
   /// False: CiA 402 has no message for it; the drive's own input shows as a fault or a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }
@@ -101,7 +103,7 @@ class Cia402Axis {
            (step_ == Step::setup || step_ == Step::start || on_its_way);
   }
   void acknowledge() {}  ///< nothing to reset: see emergency_stopped()
-  [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }  ///< EMCY, or state fault
+  [[nodiscard]] bool error() const { return emergency_ != 0 || faulty(); }  ///< EMCY received, or state fault
   /// Emergency error code, 0 for none.
   [[nodiscard]] std::uint32_t error_code() const { return emergency_; }
   /// True if the drive last reported operation enabled, in NMT operational and cyclic torque mode.
@@ -117,7 +119,7 @@ class Cia402Axis {
   }
   /// True if the drive has no object 6072, so that its torque limit was not read back; until the next set-up.
   [[nodiscard]] bool torque_limit_unread() const { return configurator_.limit_unread(); }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< CAN node of the drive
   /// N m at the shaft per thousandth of the rated torque, as read from the drive; 0 before.
   [[nodiscard]] float torque_lsb() const { return configurator_.torque_lsb(); }
 

@@ -73,10 +73,10 @@ class MitAxis {
     if (age_ticks_ < age_max) ++age_ticks_;
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply was received
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
-  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply is one
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }       ///< a reply came in this tick
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }  ///< ticks since the last reply
+  [[nodiscard]] bool brought_sample() const { return true; }                   ///< every reply is a sample
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< since the last reply
 
   /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention.
   template <class S>
@@ -106,17 +106,19 @@ class MitAxis {
   [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
   /// True if the bus took the frame that leaves motor mode, and replies came in two ticks since.
   [[nodiscard]] bool idle() const { return step_ == Step::left && replies_ >= replies_wanted; }
-  [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< entered, and not idle() since
+  [[nodiscard]] bool must_be_released() const {
+    return release_pending_;
+  }                                                                  ///< motor mode entered, not idle() since
   [[nodiscard]] bool alive() const { return alive_; }                ///< a reply has come since the start
   [[nodiscard]] bool error() const { return error_ != 0; }           ///< error_code() is not 0
   [[nodiscard]] std::uint32_t error_code() const { return error_; }  ///< 0: none; low byte: the drive's own
   /// True if the last order was to enter motor mode and the drive reports no other mode.
   [[nodiscard]] bool closed_loop() const { return step_ == Step::entered && !says(mode_off); }
-  [[nodiscard]] bool emergency_stopped() const { return false; }  ///< the protocol has none
-  [[nodiscard]] bool tx_suspended() const { return false; }       ///< its watchdog is not tested
-  [[nodiscard]] bool setting_up() const { return false; }         ///< there is no set-up
-  void acknowledge() {}                                           ///< no emergency stop to reset
-  [[nodiscard]] bool config_mismatch() const { return false; }    ///< nothing can be read back
+  [[nodiscard]] bool emergency_stopped() const { return false; }  ///< false: the protocol has none
+  [[nodiscard]] bool tx_suspended() const { return false; }       ///< false: its watchdog is not tested
+  [[nodiscard]] bool setting_up() const { return false; }         ///< false: there is no set-up
+  void acknowledge() {}                                           ///< no effect: no emergency stop
+  [[nodiscard]] bool config_mismatch() const { return false; }    ///< false: nothing can be read back
 
   /// Sends frames towards motor mode; call every tick while enabling, before put_torque(0).
   ///

@@ -112,7 +112,7 @@ class Subframes {
     malformed_ = code > 0x31 || !rest(s);
     return !malformed_;
   }
-  [[nodiscard]] constexpr bool malformed() const { return malformed_; }  ///< a subframe was; latched
+  [[nodiscard]] constexpr bool malformed() const { return malformed_; }  ///< latched by a malformed subframe
 
  private:
   constexpr bool rest(Subframe& s) {

@@ -69,10 +69,10 @@ class MoteusAxis {
     if (age_ticks_ < age_max) ++age_ticks_;
   }
 
-  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }          ///< a reply was received
-  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }     ///< of the last reply
-  [[nodiscard]] bool brought_sample() const { return true; }                      ///< every reply is one
-  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< of the last reply
+  [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }       ///< a reply came in this tick
+  [[nodiscard]] std::uint32_t sample_age_ticks() const { return age_ticks_; }  ///< ticks since the last reply
+  [[nodiscard]] bool brought_sample() const { return true; }                   ///< every reply is a sample
+  [[nodiscard]] std::uint32_t heartbeat_age_ticks() const { return age_ticks_; }  ///< since the last reply
 
   /// Joint angle (rad) and rate (rad/s) of the last reply, even with an error, model convention; NaN where
   /// the drive does not know them.
@@ -91,7 +91,9 @@ class MoteusAxis {
   [[nodiscard]] bool ready() const { return wanted_ && replies_ >= replies_wanted; }
   /// True if replies of two ticks since the last request to stop reported the drive stopped.
   [[nodiscard]] bool idle() const { return !wanted_ && replies_ >= replies_wanted; }
-  [[nodiscard]] bool must_be_released() const { return release_pending_; }  ///< wanted, and not idle() since
+  [[nodiscard]] bool must_be_released() const {
+    return release_pending_;
+  }                                                              ///< torque requested, not idle() since
   [[nodiscard]] bool alive() const { return alive_; }            ///< a reply was received since the start
   [[nodiscard]] bool error() const { return error_code_ != 0; }  ///< a fault, or its watchdog has expired
   /// The drive's fault (32 and above), its mode where that is no fault code, or timed_out; 0: none.
@@ -105,11 +107,11 @@ class MoteusAxis {
   [[nodiscard]] bool config_mismatch() const { return mismatch_; }
   /// The last register with a wrong value or a refusal; moteus::no_register: none yet.
   [[nodiscard]] std::uint32_t refused_register() const { return refused_; }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
-  [[nodiscard]] bool emergency_stopped() const { return false; }    ///< the protocol has none
-  [[nodiscard]] bool tx_suspended() const { return false; }         ///< its watchdog is not tested
-  [[nodiscard]] bool setting_up() const { return false; }           ///< there is no set-up
-  void acknowledge() {}                                             ///< no emergency stop to reset
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< CAN node of the drive
+  [[nodiscard]] bool emergency_stopped() const { return false; }    ///< false: the protocol has none
+  [[nodiscard]] bool tx_suspended() const { return false; }         ///< false: its watchdog is not tested
+  [[nodiscard]] bool setting_up() const { return false; }           ///< false: there is no set-up
+  void acknowledge() {}                                             ///< no effect: no emergency stop
   /// Makes the next enable() query a drive that has sent no frame yet; others get a request every tick.
   void ask_again() {
     if (!alive_) wait_ticks_ = 0;

@@ -71,7 +71,7 @@ constexpr hal::CanFrame frame(std::uint8_t node, Message m, std::uint8_t size) {
 }
 }  // namespace detail
 
-/// Request for an axis state.
+/// Set_Axis_State: request for an axis state.
 [[nodiscard]] constexpr hal::CanFrame encode_set_axis_state(std::uint8_t node, AxisState s) {
   hal::CanFrame f = detail::frame(node, Message::set_axis_state, 8);
   detail::put_u32(f, 0, static_cast<std::uint32_t>(s));

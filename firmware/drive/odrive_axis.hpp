@@ -123,7 +123,7 @@ class OdriveAxis {
   /// The last endpoint with a wrong value or no answer; OdriveReadBack::version_endpoint: the version; empty:
   /// none.
   [[nodiscard]] std::optional<std::uint16_t> refused_endpoint() const { return read_back_.refused(); }
-  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< of the drive on its bus
+  [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< CAN node of the drive
 
   /// Tells the next enable() whether the errors of all axes are `known`, and reported in this tick or the
   /// last one (`fresh`). Only then it clears errors: firmware 0.5.6 clears both axes of a board, and an

@@ -321,7 +321,7 @@ struct StoreStatus {
   std::uint32_t sequence = 0;  ///< of the newest valid record
   friend constexpr bool operator==(const StoreStatus&, const StoreStatus&) = default;
 };
-/// Parameter_Slots: state of the store and content of its slots.
+/// Frame Parameter_Slots: state of the store, slot in use, content of the slots, sequence number.
 [[nodiscard]] constexpr hal::CanFrame encode_parameter_slots(std::uint32_t base, const StoreStatus& s) {
   hal::CanFrame f = detail::frame(base, Message::parameter_slots);
   f.data[0] = static_cast<std::uint8_t>(s.state);
@@ -339,7 +339,7 @@ struct Counters {
   std::uint16_t bad_counter = 0;
   std::uint16_t refused = 0;  ///< everything else: length, format, value, age, not in this state
 };
-/// Link_Counters.
+/// Frame Link_Counters with the counts of received frames.
 [[nodiscard]] constexpr hal::CanFrame encode_counters(std::uint32_t base, const Counters& c) {
   hal::CanFrame f = detail::frame(base, Message::link_counters);
   put_field(f, 0, c.obeyed, 2);

@@ -32,12 +32,12 @@ class CommandLink {
   void add_filters(hal::IdFilters& list) const {
     if (active()) list.add({config_.base_id, 0x7FF & ~(block_size - 1U), false});
   }
-  [[nodiscard]] const Parameters& parameters() const { return parameters_; }  ///< present values
+  [[nodiscard]] const Parameters& parameters() const { return parameters_; }  ///< with present gains
   [[nodiscard]] const Counters& counters() const { return counters_; }        ///< of received frames
   [[nodiscard]] std::uint8_t session() const { return session_; }      ///< 1..255, part of every checksum
   [[nodiscard]] std::uint32_t scene() const { return config_.scene; }  ///< LinkConfig::scene
 
-  /// Begins a tick; call before its frames.
+  /// Counts a tick, which ages of frames refer to; call before the frames of the tick.
   void begin_tick() { ++tick_; }
 
   /// Checks a frame, stores its request for take(), and counts the outcome. `waited`: ticks from its arrival
@@ -78,8 +78,8 @@ class CommandLink {
   void capture_into(std::span<CaptureRecord> memory) { capture_ = Capture(memory); }
   /// Sets the lateness of the coming tick for its record, us.
   void late_by(std::uint32_t us) { lateness_us_ = us; }
-  void offer_homing(bool offered) { homes_ = offered; }         ///< sets whether the order `home` is obeyed
-  void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< sets the flag of Status
+  void offer_homing(bool offered) { homes_ = offered; }         ///< sets whether `home` is obeyed
+  void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< sets Status::zero_unknown
   /// Counts a refused frame: the caller could not follow a set point that take() gave.
   void refuse() { count(Outcome::refused); }
 

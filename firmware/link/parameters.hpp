@@ -46,8 +46,10 @@ class Parameters {
   }
 
   [[nodiscard]] float operator[](Index i) const { return values_[static_cast<unsigned>(i)]; }
-  [[nodiscard]] float at(std::uint8_t i) const { return values_[i]; }  ///< i < parameter_count: not checked
-  [[nodiscard]] const Values& values() const { return values_; }       ///< in the order of Index
+  [[nodiscard]] float at(std::uint8_t i) const {
+    return values_[i];
+  }                                                               ///< value i < parameter_count, not checked
+  [[nodiscard]] const Values& values() const { return values_; }  ///< in the order of Index
   [[nodiscard]] const std::array<Bounds, gain_count>& bounds() const { return bounds_; }  ///< of each gain
   /// True for a gain whose upper bound is above its lower one; false for any other index.
   [[nodiscard]] bool writable(std::uint8_t i) const {

@@ -59,7 +59,7 @@ class Chain {
   constexpr explicit Chain(const List<Body<S>, joints>& bodies) : bodies_(bodies) {}
 
   [[nodiscard]] const Body<S>& body(int i) const { return bodies_[i]; }  ///< constants of body i
-  ESMC_INLINE static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }  ///< joint i is
+  ESMC_INLINE static constexpr bool revolute(int i) { return kinds_[i] == Joint::revolute; }  ///< of joint i
   /// True if the axis of body i can turn: a revolute joint lies between it and the base.
   ESMC_INLINE static constexpr bool turns(int i) {
     for (int j = 0; j <= i; ++j)

@@ -50,8 +50,8 @@ struct LegFrame {
   /// S_j v: components in Nj of a vector in N. S_j is its own inverse.
   [[nodiscard]] Vec2<S> to_leg(const Vec2<S>& v) const { return {mirror * v.x(), v.y()}; }
   [[nodiscard]] Vec2<S> from_leg(const Vec2<S>& v) const { return to_leg(v); }  ///< its inverse, Nj to N
-  [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }      ///< N to Nj, m
-  [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }  ///< m, to N
+  [[nodiscard]] Vec2<S> point_to_leg(const Vec2<S>& p) const { return to_leg(p - base); }  ///< point, N to Nj
+  [[nodiscard]] Vec2<S> point_from_leg(const Vec2<S>& p) const { return base + from_leg(p); }  ///< point to N
 };
 
 /// A platform held by `Legs` serial chains (37)-(47). S: scalar type; see the top of the file.

@@ -188,7 +188,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
   /// Whether the channel is an angle (rad) and not a length (m).
   static constexpr bool is_angle(int row) { return row >= 2 && (row - 2) % Leg::channels < 2 * Leg::joints; }
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r.platform; }           ///< (x', y'), m/s
-  [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }  ///< rad/s
+  [[nodiscard]] static Vec2<S> base(const Rates& r) { return {r.leg[0][0], r.leg[1][0]}; }  ///< base joints
   /// x_d - x of the effector, m.
   [[nodiscard]] static Vec2<S> independent_error(const Pose& desired, const Pose& actual) {
     return PointMass<S>::error(desired, actual);
@@ -204,7 +204,7 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return out;
   }
 
-  [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }  ///< m/s, in N
+  [[nodiscard]] static Vec2<S> tip_rate(const Pose&, const Rates& r) { return r.platform; }  ///< in N, m/s
   /// Rates of effector and joints (rad/s) at the effector's velocity v (m/s). Not finite at type 1.
   [[nodiscard]] Rates rates_of_effector(const Pose& p, const Vec2<S>& v) const {
     return this->chain_rates(p, v);

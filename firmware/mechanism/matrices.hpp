@@ -51,7 +51,7 @@ template <class M, class S = typename M::Scalar>
   return out;
 }
 
-/// A of a dyad (6 x 8), [J, -1] of [F1].
+/// A = [J, -1] of a dyad [F1], 6 x 8: A p = 0 for all velocities p.
 template <class S>
 [[nodiscard]] Mat<S, 6, 8> matrix_A(const Dyad<S>& leg, const typename Dyad<S>::Pose& p) {
   Mat<S, 6, 8> A = Mat<S, 6, 8>::Zero();
@@ -59,7 +59,7 @@ template <class S>
   A.template rightCols<6>() = -Mat<S, 6, 6>::Identity();
   return A;
 }
-/// A of the RR arm (6 x 8), [J, -1] of [F1].
+/// A = [J, -1] of the RR arm [F1], 6 x 8: A p = 0 for all velocities p.
 template <class S>
 [[nodiscard]] Mat<S, 6, 8> matrix_A(const Rr<S>& m, const typename Rr<S>::Pose& p) {
   return matrix_A(m.arm(), p.arm);

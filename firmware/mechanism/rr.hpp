@@ -66,7 +66,7 @@ class Rr {
 
   /// 1, the largest distance from type 2, which the arm does not have.
   [[nodiscard]] static S abs_sin_type2(const Pose&) { return S(1); }
-  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }  ///< no type 2
+  [[nodiscard]] static S sin_type2_in_mode(const Pose&, const Mode&) { return S(1); }  ///< 1: no type 2
   /// True if sin theta2 has the sign of the mode; false at type 1 and for a NaN.
   [[nodiscard]] static bool in_working_mode(const Pose& p, const Mode& mode) {
     return sin_type1(p) * S(mode.working) > S(0);
@@ -74,7 +74,7 @@ class Rr {
 
   // ---- what a control law needs: the same names and meanings as in FiveBar, Coupling ----
 
-  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }  ///< false: a length
+  static constexpr bool is_angle(int row) { return row < 2 * Leg::joints; }  ///< true: angle; false: length
   [[nodiscard]] static Vec2<S> independent(const Rates& r) { return r; }     ///< joint rates, rad/s
   [[nodiscard]] static Vec2<S> base(const Rates& r) { return r; }            ///< joint rates, rad/s
   /// theta_d - theta of both joints, rad, in [-pi, pi].
@@ -103,10 +103,10 @@ class Rr {
     arm_.for_each_reference_row(p.arm, sigma, acceleration, a, b, f);
   }
   static void fill_joint_rows(Channels& s) { Leg::fill_joint_rows(s); }                   ///< see Serial
-  [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }  ///< joint rates p
+  [[nodiscard]] Rates chain_rates(const Pose&, const Independent& p) const { return p; }  ///< p: joint rates
   [[nodiscard]] Rates chain_accelerations(const Pose&, const Rates&, const Independent& a) const { return a; }
   [[nodiscard]] Rates chain_bias(const Pose&, const Rates&, const Rates&) const { return Rates::Zero(); }
-  [[nodiscard]] Rates base_rates(const Pose&, const Vec2<S>& b) const { return b; }  ///< joint rates b
+  [[nodiscard]] Rates base_rates(const Pose&, const Vec2<S>& b) const { return b; }  ///< b: joint rates
   [[nodiscard]] Rates base_accelerations(const Pose&, const Rates&, const Vec2<S>& b) const { return b; }
   [[nodiscard]] Channels channel_rates(const Pose& p, const Rates& r) const { return arm_.rates(p.arm, r); }
   /// C acceleration + Cdot(a) b: accelerations of all channels, rad/s2 and m/s2 [F5].

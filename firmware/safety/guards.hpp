@@ -36,7 +36,7 @@ template <class S>
 struct Range {
   S lower = -std::numeric_limits<S>::max();
   S upper = std::numeric_limits<S>::max();
-  [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }  ///< NaN: no
+  [[nodiscard]] constexpr Truth<S> contains(S v) const { return lower <= v && v <= upper; }  ///< NaN: false
 };
 
 /// Limits of the guards. A measured quantity beyond one is a latched fault; see guard().

@@ -33,8 +33,8 @@ class SerialPort {
 
   /// True: all of `out` (up to 64 bytes) is taken, of which a rest may wait for flush(). False: nothing is.
   [[nodiscard]] bool try_write(std::span<const char> out);
-  [[nodiscard]] bool try_read(char& in);             ///< false: no byte now, `in` untouched
-  [[nodiscard]] bool gone() const { return gone_; }  ///< for good: end of file, hang-up or an error
+  [[nodiscard]] bool try_read(char& in);             ///< next byte; false: none, `in` untouched
+  [[nodiscard]] bool gone() const { return gone_; }  ///< lost for good: hang-up, error
 
   /// True if bytes have been read ahead, of which a poll of the descriptor does not know.
   [[nodiscard]] bool has_input() const { return next_ < filled_; }

@@ -23,7 +23,7 @@ class Descriptor {
     if (fd_ >= 0) ::close(fd_);
   }
 
-  [[nodiscard]] int get() const { return fd_; }  ///< -1: none
+  [[nodiscard]] int get() const { return fd_; }  ///< the descriptor; -1: none
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
 
  private:

@@ -34,7 +34,7 @@ std::string initialiser(T v) {
   if constexpr (std::is_signed_v<T>) return fmt::format("{}", static_cast<long long>(v));
   return fmt::format("{}U{}", static_cast<unsigned long long>(v), sizeof(T) > 4 ? "LL" : "");
 }
-/// The image's Enum converts to the enumeration in its place.
+/// Initialiser of an enumerator: the image's Enum, which converts to the enumeration of the field.
 template <class T>
 requires std::is_enum_v<T> std::string initialiser(T v) {
   return fmt::format("Enum{{{}}}", static_cast<int>(v));

@@ -29,7 +29,7 @@ struct SensorEffects {
         noise(find_effect<SensorNoise>(effects)),
         bias(find_effect<SensorBias>(effects)),
         delay(find_effect<SensorDelay>(effects)) {}
-  [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }  ///< no effect
+  [[nodiscard]] bool none() const { return !encoder && !noise && !bias && !delay; }  ///< the scene has none
 };
 
 /// The sensor of one shaft: turns its true motion into the drive's readings, once per period.

@@ -52,10 +52,10 @@ class PlantEnd {
     if (o.capture != nullptr) recorder_.log().keep(&o.capture->log);
   }
 
-  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }    ///< of this run
+  [[nodiscard]] Recorder<World>& recorder() { return recorder_; }    ///< record of this run
   [[nodiscard]] EmulatedPlant<Plant>& plant() { return plant_; }     ///< mechanism and drives
   [[nodiscard]] bool released() const { return plant_.released(); }  ///< all drives are armed: t >= 0
-  [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< simulation.duration is over
+  [[nodiscard]] bool finished() const { return done_ >= ticks_; }    ///< duration is over
   /// Number of recorded ticks.
   [[nodiscard]] std::uint32_t done() const { return done_; }
   /// Number of integration steps in a tick.

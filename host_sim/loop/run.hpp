@@ -16,10 +16,10 @@
 
 namespace esmc::host {
 
-int run_sim(const RunOptions& o);         ///< `esmc sim`
-int run_hil(const RunOptions& o);         ///< `esmc hil`, paced or not
-int run_plant(const RunOptions& o);       ///< `esmc plant`
-int run_controller(const RunOptions& o);  ///< `esmc controller`
+int run_sim(const RunOptions& o);         ///< `esmc sim`: runs without a bus
+int run_hil(const RunOptions& o);         ///< `esmc hil`: both ends, in lockstep or real time
+int run_plant(const RunOptions& o);       ///< `esmc plant`: the plant's end
+int run_controller(const RunOptions& o);  ///< `esmc controller`: the controller's end
 /// `esmc hil --realtime`, for a scene that may run on o.bus.
 int run_hil_realtime(const Scene& scene, const RunOptions& o);
 /// `esmc controller --observe`: prints what the controller sees of the drives, for scene.duration s of wall
@@ -97,7 +97,7 @@ void require_bus_loop(const Scene& scene, bool with_accuracy = false);
 std::string to_confirm(const Scene& scene);
 /// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
 void require_confirmed(const Scene& scene);
-/// Reads the scene of a command that uses a bus. Throws InputError, for a scene with an obstacle as well.
+/// Reads the scene of `o` for a command that uses a bus. Throws InputError, also for a bus_obstacle().
 Scene read_loop_scene(const RunOptions& o, bool with_accuracy = false);
 /// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);

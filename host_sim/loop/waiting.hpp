@@ -82,7 +82,7 @@ bool wait_for_frame(Tapped<Bus>& tap, int milliseconds) {
   return wait_for_frame(tap.bus(), milliseconds);
 }
 
-/// Whether the bus is lost for good.
+/// True if the bus is lost for good (an slcan adapter); false for buses without gone().
 template <class Bus>
 bool is_gone(Bus& bus) {
   if constexpr (requires { bus.bus(); }) return is_gone(bus.bus());

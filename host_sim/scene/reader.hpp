@@ -164,16 +164,16 @@ void read_whole(const Section& root, F&& read) {
 
 // Readers of the sections of a scene into `scene`, in the order of their calls: each needs those before, and
 // [mechanism] and [control]. All throw InputError.
-void read_uncertainty(Section s, Scene& scene);  ///< [uncertainty]
-void read_reference(Section s, Scene& scene);    ///< [reference]
+void read_uncertainty(Section s, Scene& scene);  ///< reads [uncertainty]
+void read_reference(Section s, Scene& scene);    ///< reads [reference]
 /// [reference] type = "program": its own keys and the moves.
 void read_program(Section& s, Scene& scene);
 /// Adds to a program the start of the scene and the effects that it is planned with.
 void complete_program(Scene& scene);
-void read_drives(Section s, Scene& scene);  ///< [drives]
+void read_drives(Section s, Scene& scene);  ///< reads [drives]
 /// Passive encoders, which follow the motors in the lists of nodes. `given` is [sensors], `root` its table.
 void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene);
-void read_command(Section s, Scene& scene);      ///< [command]
-void read_effects(Section& root, Scene& scene);  ///< every [[effects]] of the file
+void read_command(Section s, Scene& scene);      ///< reads [command]
+void read_effects(Section& root, Scene& scene);  ///< reads every [[effects]]
 
 }  // namespace esmc::host

@@ -87,7 +87,7 @@ struct Companion {
   std::string name, text;
   std::string source;  ///< path that it was read from
 
-  /// The key that names this file.
+  /// The scene key that names this file.
   [[nodiscard]] std::string key() const {
     return name == reference_copy ? "reference.path"
                                   : (name == model_copy ? "control.model.mechanism" : "drives.endpoints");
@@ -214,7 +214,7 @@ struct Scene {
   std::optional<CommandScene> command;
   int bitrate = 0;       ///< bit/s
   int data_bitrate = 0;  ///< bit/s of the data of CAN FD frames; 0: the bus is classic
-  /// Time of a bit of such data, in bit times.
+  /// Duration of a bit of CAN FD data in nominal bit times; 1 without FD.
   [[nodiscard]] double fast_bit() const {
     return data_bitrate > 0 ? static_cast<double>(bitrate) / data_bitrate : 1.0;
   }
@@ -232,7 +232,7 @@ struct Scene {
   /// True state at t = 0: joint angles and rates (four for the five-bar, two for RR).
   std::vector<double> start_angle, start_rate;
 
-  [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }  ///< passive ones too
+  [[nodiscard]] int joints() const { return type == MechanismType::five_bar ? 4 : 2; }  ///< their number
   [[nodiscard]] int motors() const { return all_motors ? joints() : 2; }                ///< number of motors
   /// Whether a controller computes the torques: the law is neither open_loop nor none.
   [[nodiscard]] bool closed_loop() const { return law != LawChoice::open_loop && law != LawChoice::none; }
@@ -244,7 +244,7 @@ struct Scene {
   [[nodiscard]] bool odrive() const {
     return drives.protocol == Protocol::odrive || drives.protocol == Protocol::odrive_0_5;
   }
-  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }  ///< s
+  [[nodiscard]] double tick() const { return 1.0 / rate_hz; }  ///< control period, s
   /// Index of the joint of each motor, in the order of [drives]; five-bar with two motors: 0 and 2.
   [[nodiscard]] std::vector<std::size_t> motor_joints() const {
     const auto n = static_cast<std::size_t>(motors()), all = static_cast<std::size_t>(joints());
