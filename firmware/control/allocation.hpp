@@ -1,5 +1,5 @@
 #pragma once
-/// From the generalised force that a law asks for to motor torques (model.md section 7).
+/// From the generalised force of a law to motor torques (model.md section 7).
 
 #include "firmware/mechanism/five_bar.hpp"
 

@@ -1,6 +1,6 @@
 #pragma once
-/// The control laws: from state and reference to the acceleration v' asked of every channel. The base torque
-/// is then C^T (M v' + f + g) for all of them but pd, see esmc.hpp.
+/// The control laws: from state and reference to the acceleration v' of every channel. The base torque is
+/// then C^T (M v' + f + g) for all of them but pd, see esmc.hpp.
 
 #include "firmware/control/esmc.hpp"
 
@@ -42,7 +42,7 @@ ESMC_INLINE inline void for_each_projected_row(const M& m, const Gains<M>& gain,
   m.for_each_reference_row(t.pose, sigma, joined, t.rates, v_r, f);
 }
 
-/// v' = C a_r + Cdot v_r + K sw(C sigma), s = C sigma [F33]. V' <= 0 of [F33] holds for an exact model.
+/// v' = C a_r + Cdot v_r + K sw(C sigma), s = C sigma [F33]. An exact model gives V' <= 0 (V: [F33]).
 template <class M>
 [[nodiscard]] Demand<M> projected_acceleration(const M& m, const Gains<M>& gain, Reaching reaching,
                                                const Tracking<M>& t) {

@@ -25,8 +25,8 @@ struct HomingConfig {
 /// torque for 1 / share ticks: its end stop. It then moves away by the back-off and must come to stand in the
 /// same place again: a motor without torque and an encoder that froze stand too, but anywhere. The second
 /// joint is damped meanwhile, so that a closed chain lets the first one pass; the first one then stays
-/// pressed on its stop. At last both leave their stops. A torque below the weight stands in the same place
-/// twice, too.
+/// pressed on its stop. At last both leave their stops. Not detected: a torque limit below the weight, which
+/// stops the joint in one place twice, too.
 template <class S>
 class Homing {
  public:

@@ -1,5 +1,5 @@
 #pragma once
-/// Optional part: asks the motors for what makes them give the torque that the law wants.
+/// Optional part: commands that make the motors give the torque of the law.
 
 #include "firmware/cycle/controller_config.hpp"
 

@@ -8,7 +8,7 @@
 #include "hal/can.hpp"
 #include "hal/id_filters.hpp"
 
-/// Motor drives as the controller sees them.
+/// Motor drives, from the side of the controller.
 namespace esmc::drive {
 
 /// Node of a drive, and the relation between its motor shaft and the joint (model convention).

@@ -50,9 +50,9 @@ class MitAxis {
     list.add({config_.node, 0x7FF, false});
     list.add({settings_.master_id, 0x7FF, false});
   }
-  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with an identifier
-  /// of commands to the node that is no reply is a `foreign_command`; a broken reply elsewhere is
-  /// `malformed`.
+  /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. A frame with the identifier
+  /// of commands to the node that is no reply is a `foreign_command`; a broken reply with another identifier
+  /// is `malformed`.
   Received receive(const hal::CanFrame& f) {
     if (f.extended != v3() || f.remote) return Received::not_mine;
     const bool commands =

@@ -177,8 +177,7 @@ class Builder {
     const std::uint8_t size = hal::can_fd_size(f_->size);
     while (f_->size < size) byte(no_operation);
   }
-  /// Appends what is read with every command: mode, position, velocity, torque, fault. The reply has 20
-  /// bytes.
+  /// Appends the reads of every command: mode, position, velocity, torque, fault. The reply has 20 bytes.
   constexpr void query() {
     begin(Kind::read, Type::i8, 1, reg::mode);
     begin(Kind::read, Type::f32, 3, reg::position);

@@ -4,7 +4,7 @@
 /// Each command is answered by one reply, which is sample and heartbeat in one; without a command a drive is
 /// silent. So the frame of every tick and state also requests the next sample. It stops the drive unless
 /// torque control is wanted, and has torque only while ready(): enable() and disable() decide which frame
-/// put_torque() writes. Only a drive that has never been heard gets a frame from enable().
+/// put_torque() writes. Only a drive that has never sent a frame gets one from enable().
 ///
 /// A stop clears faults and the latched time-out. Before arming, version of the registers and, for an
 /// absolute zero, the home state are read; while arming, what the drive has taken as largest torque and
@@ -23,7 +23,7 @@ class MoteusAxis {
  public:
   using Line = NoLine;
 
-  /// Limits that go with every torque, and what arming requires.
+  /// Limits sent with every torque, and requirements of arming.
   struct Settings {
     float torque_max = 1.0F;  ///< N m at the drive's output, 0 to 327; the drive gets it in steps of 0.01 up
     float watchdog = 0.01F;   ///< s, 0 to 32; the drive gets it in whole ms up

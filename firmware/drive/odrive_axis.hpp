@@ -101,7 +101,7 @@ class OdriveAxis {
   [[nodiscard]] bool setting_up() const {
     return tx_suspended() || (step_ == Step::request && !read_back_.done());
   }
-  /// True if an emergency stop was seen on the bus or reported by the axis, and not acknowledged since.
+  /// True if an emergency stop was on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
   /// Resets emergency_stopped() for the operator: its report may be cleared once, a newer one stops again.
   void acknowledge() {

@@ -49,7 +49,7 @@ enum class Message : std::uint8_t {
   joint_1 = 0x18,   ///< ..joint_4: in the order of the joints that have a motor
   identity = 0x1C,  ///< scene of the controller and protocol_version
   parameter_slots = 0x1D,
-  capture = 0x1E,  ///< part of a record of a tick, or what can be read
+  capture = 0x1E,  ///< part of a record of a tick, or the state of the capture
 };
 inline constexpr std::uint8_t incoming_count = 6;
 inline constexpr std::uint8_t outgoing_first = 0x10;

@@ -95,9 +95,9 @@ class CommandLink {
            (streaming_ && over_age(sample_age()));
   }
 
-  /// Sends at most one frame of what is due, at the end of every tick, so that the link never delays another
-  /// frame by more than that: a new state or fault, or else an answer, or else the other kinds in turn.
-  /// `send` returns whether the bus took the frame; if not, it is tried again.
+  /// Sends at most one due frame, at the end of every tick, so that the link never delays another frame by
+  /// more than that: a new state or fault, or else an answer, or else the other kinds in turn. `send` returns
+  /// whether the bus took the frame; if not, it is tried again.
   template <class Send>
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());

@@ -124,7 +124,7 @@ class ParameterSlots {
     SlotContent content = SlotContent::empty;
     std::uint32_t sequence = 0;
     Gains gains{};
-    /// Whole, of any scene.
+    /// True if the record is whole, whatever its scene.
     [[nodiscard]] bool intact() const {
       return content == SlotContent::valid || content == SlotContent::other_scene ||
              content == SlotContent::out_of_bounds;

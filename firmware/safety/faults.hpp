@@ -17,7 +17,7 @@ enum class [[nodiscard]] Fault : std::uint8_t{
     malformed_frame = 4,         ///< a frame of one of our drives has the wrong length or format
     heartbeat_lost = 5,          ///< no heartbeat of an axis for longer than heartbeat_timeout
     enable_open = 6,             ///< the enable input of the board is open
-    emergency_stop = 7,          ///< seen on the bus or reported by an axis
+    emergency_stop = 7,          ///< on the bus or reported by an axis
     drive_error = 8,             ///< an axis reported an error
     drive_disarmed = 9,          ///< an axis left closed-loop control by itself
     bus_overload = 10,           ///< more frames in a tick than are read: later samples would be stale
