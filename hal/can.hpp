@@ -112,7 +112,7 @@ concept CanBus = requires(B& bus, const CanFrame& out, CanFrame& in) {
   { bus.try_receive(in) } -> std::same_as<bool>;
 };
 
-/// A back end that knows the arrival times of frames.
+/// A CanBus that has the arrival times of frames: frame_age_us() of the last received, us; 0: not known.
 template <class B>
 concept TimesFrames = CanBus<B> && requires(const B& bus) {
   { bus.frame_age_us() } -> std::same_as<std::uint32_t>;  // of the frame received last; 0: not known

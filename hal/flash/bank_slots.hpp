@@ -108,7 +108,7 @@ class BankSlots {
     return a_.load(address(slot, at), word);
   }
 
-  /// Begins to erase a slot, 0 or 1; poll() tells the end. False: not begun.
+  /// Begins to erase a slot, 0 or 1; poll() reports the end. False: not begun.
   [[nodiscard]] bool begin_erase(unsigned slot) {
     if (slot >= memory_slots || !open()) return false;
     const Word command = Chip::erase(Chip::first + slot);
