@@ -1,5 +1,5 @@
 #pragma once
-/// The one light of a board: which state it is in, seen from across the room.
+/// The light of a board, whose blinking shows the state of the controller.
 
 #include <cstdint>
 
