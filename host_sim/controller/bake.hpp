@@ -148,7 +148,7 @@ std::string initialiser(const PathSegment<S>& v) {
   const auto& [duration, c] = curve;
   return braces(start_tick, offset, Code{braces(duration, c)});
 }
-/// The initialiser of a reference, whose path is the variable `path` of the image.
+/// Initialiser of a reference; its path is the variable `path` of the image.
 template <class S>
 std::string initialiser(const Reference<S>& v) {
   const auto& [kind, space, centre, amplitude, speed, phase, path, repeat] = v;

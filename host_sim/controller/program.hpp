@@ -8,9 +8,9 @@
 
 namespace esmc::host {
 
-/// Problem of planning a program: masses and lengths as the controller believes them, friction and payload of
-/// the scene's effects (without such effects the believed friction), the limits of controller, drives and
-/// moves and, with [uncertainty], a reserve of torque for the worst plant. The scene has a program.
+/// Problem of planning a program: masses and lengths of the controller's model, friction and payload of the
+/// scene's effects (without such effects the model's friction), the limits of controller, drives and moves
+/// and, with [uncertainty], a reserve of torque for the worst plant. The scene has a program.
 template <class M>
 plan::Problem<M> program_problem(const Scene& scene);
 

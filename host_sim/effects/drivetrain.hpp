@@ -38,8 +38,8 @@ class Drivetrain {
     return pressed + std::min(0.0, play_.damping / play_.stiffness * side * (at.rate - joint.rate));
   }
   [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }  ///< a stage has a gap
-  /// Angle (rad) and rate (rad/s) that the drive's encoder sees: of the rotor if a stage has one, else of the
-  /// joint. `own`: all states of this drivetrain.
+  /// Angle (rad) and rate (rad/s) at the drive's encoder: of the rotor if a stage has one, else of the joint.
+  /// `own`: all states of this drivetrain.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {
     return has_rotor_ ? Shaft{own[rotor_at_], own[rotor_at_ + 1]} : joint;
   }

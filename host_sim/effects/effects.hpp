@@ -147,7 +147,7 @@ struct Loss {
   bool at_controller = true, at_drives = true;
   Span when{};
 };
-/// The sender sees an error in the last bit of a frame that the receivers have accepted, and sends it again.
+/// The sender reads an error in the last bit of a frame that the receivers have accepted, and repeats it.
 struct Duplication {
   static constexpr const char* type = "duplication";
   double probability = 0.0;  ///< per frame

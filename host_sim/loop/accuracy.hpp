@@ -1,6 +1,6 @@
 #pragma once
-/// simulation.accuracy: passes over a scene, each finer than the one before, until two agree to what was
-/// asked.
+/// simulation.accuracy: passes over a scene, each finer than the one before, until two agree to the stated
+/// accuracy.
 
 #include <functional>
 #include <vector>

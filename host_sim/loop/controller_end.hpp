@@ -99,7 +99,7 @@ class ControllerEnd {
     return with([](const auto& c) { return c.overloaded(); });
   }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
-  /// The first fault of a tick, with joint and node.
+  /// The first fault since the start, with joint and node; empty: none.
   [[nodiscard]] const std::optional<FaultRecord>& fault() const { return fault_; }
   /// DriveReports::odd_encoder(): the joint whose encoder contradicts the others.
   [[nodiscard]] std::string odd_encoder() const { return reports_.odd_encoder(cycle_); }

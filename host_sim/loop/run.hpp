@@ -1,6 +1,6 @@
 #pragma once
-/// The run commands, and what their scenes need before they may run on a bus. Each command returns the exit
-/// status, 1 after a fault, and throws InputError and RunError.
+/// The run commands, and the conditions for a scene to run on a bus. Each command returns the exit status, 1
+/// after a fault, and throws InputError and RunError.
 
 #include <optional>
 #include <string>
@@ -22,8 +22,8 @@ int run_plant(const RunOptions& o);       ///< `esmc plant`: the plant's end
 int run_controller(const RunOptions& o);  ///< `esmc controller`: the controller's end
 /// `esmc hil --realtime`, for a scene that may run on o.bus.
 int run_hil_realtime(const Scene& scene, const RunOptions& o);
-/// `esmc controller --observe`: prints what the controller sees of the drives, for scene.duration s of wall
-/// time or until Ctrl-C, and sends no frame. Throws RunError where a drive is silent at the end.
+/// `esmc controller --observe`: prints the drives' reports, for scene.duration s of wall time or until
+/// Ctrl-C, and sends no frame. Throws RunError where a drive is silent at the end.
 int run_observe(const Scene& scene, const RunOptions& o, HostBus& bus);
 
 inline constexpr const char* no_accuracy_on_bus =
@@ -59,7 +59,7 @@ struct DriveOptions {
   bool json = false;
 };
 
-/// Names of the defects and what they mean, one per line.
+/// Names and meanings of the defects, one per line.
 std::string defects_text();
 /// `esmc drive`: one emulated drive with a shaft of its own on a CAN interface, in real time.
 int run_drive(const DriveOptions& o);

@@ -50,7 +50,7 @@ class Pace {
   std::uint64_t late_ = 0;
 };
 
-/// Waits up to `patience` for input on p. False: there is none. An error on p costs 1 ms.
+/// Waits up to `patience` for input on p. False: there is none. On an error of p it sleeps 1 ms.
 inline bool readable_within(pollfd p, std::chrono::nanoseconds patience) {
   const auto seconds = std::chrono::floor<std::chrono::seconds>(patience);
   const timespec time{static_cast<time_t>(seconds.count()), static_cast<long>((patience - seconds).count())};

@@ -32,9 +32,9 @@ std::span<const Key> scene_keys();  ///< the table; static
 std::span<const Key> spatial_keys();
 /// Returns the entry of a key. Throws std::logic_error where there is none: a reader is wrong.
 const Key& find_key(std::string_view path, std::span<const Key> keys = scene_keys());
-/// Returns what a key allows: "number > 0, rad", for the table.
+/// Allowed values of a key for the table: "number > 0, rad".
 std::string allowed(const Key& k);
-/// Returns what a key allows with an article, "a number > 0, rad", for a message: "'key' must be ..."
+/// Allowed values of a key with an article, for the message "'key' must be ...": "a number > 0, rad".
 std::string wanted(const Key& k);
 /// The known word nearest to `word`, within an edit distance of 2; empty: none.
 std::string nearest(std::string_view word, const std::vector<std::string>& known);

@@ -30,7 +30,7 @@ template <>
 inline constexpr auto names_of<ReferenceType> =
     std::array{"circle", "line", "polyline", "joint_sine", "hold", "file", "program"};
 
-/// What simulation.accuracy bounds: final_state.q, or q in every row of the log.
+/// The error that simulation.accuracy bounds: of final_state.q, or of q in every row of the log.
 enum class AccuracyOf { end, trajectory };
 template <>
 inline constexpr auto names_of<AccuracyOf> = std::array{"end", "trajectory"};

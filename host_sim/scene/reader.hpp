@@ -51,7 +51,7 @@ class Section {
   /// The place of this table, or of `key` if it is there, for errors: FILE:LINE, and every --set in it.
   [[nodiscard]] std::string where() const;
   [[nodiscard]] std::string where(const std::string& key) const;
-  /// The place of `key`, with every --set in it or in the `others`, which a finding depends on as well.
+  /// The place of `key`, with every --set in it or in `others`: keys on which the message depends as well.
   [[nodiscard]] std::string where(const std::string& key, const std::vector<std::string>& others) const;
 
   double number(const std::string& key);                             ///< reads a number

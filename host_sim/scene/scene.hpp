@@ -134,7 +134,7 @@ struct DriveScene {
   drive::mit::Dialect dialect = drive::mit::Dialect::mini_cheetah;
   std::vector<int> master_id;                                        // mit, per motor
   std::vector<double> position_range, velocity_range, torque_range;  // mit, per motor: rad, rad/s, N m
-  std::string missing;  ///< what a loop on a bus still needs; `esmc sim` has no drives and needs none
+  std::string missing;  ///< message: what a loop on a bus still needs; empty: nothing
 };
 
 /// The interface to a supervisor computer.
@@ -182,7 +182,7 @@ struct Scene {
   FiveBarParams<double> mechanism;        ///< RR uses legs[0] and g only
   std::array<double, 2> rotor_inertia{};  ///< of the base motors, at the joint, kg m2; part of J1 above
   std::optional<FiveBarParams<double>>
-      believed;  ///< what control.model's factors go onto, where that is not `mechanism`
+      believed;  ///< parameters that control.model multiplies, where not `mechanism`
   std::array<int, 2> working_mode{};
   int assembly_mode = 0;  ///< 0 in the file: taken from the initial pose
 

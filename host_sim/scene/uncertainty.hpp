@@ -17,10 +17,10 @@ struct UncertaintyScene {
   Interval m1{1, 1}, m2{1, 1}, J1{1, 1}, J2{1, 1};  ///< true / assumed
   Interval lg1, lg2;                                ///< true - assumed, m
   Interval gravity{1, 1};                           ///< true / assumed
-  Interval payload;  ///< point mass at the effector beyond the believed one, kg
-  /// Of the four joints (RR: the first two), N m s/rad and N m; unset: as the controller believes.
+  Interval payload;                                 ///< point mass at the effector beyond the assumed one, kg
+  /// Of the four joints (RR: the first two), N m s/rad and N m; unset: those of the model.
   std::optional<std::array<Interval, 4>> viscous, coulomb;
-  /// Half widths of lengths, as shares of the believed ones, for simulated plants only: no gain covers them.
+  /// Half widths of lengths, as shares of the assumed ones, for simulated plants only: no gain covers them.
   double l1 = 0.0, l2 = 0.0, half_base = 0.0;
 
   std::optional<double>
