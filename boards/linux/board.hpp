@@ -22,7 +22,7 @@ class LinuxBoard {
       high_ = high;
       return known_;
     }
-    [[nodiscard]] hal::GpioLine& line() { return line_; }  ///< to be requested before use
+    [[nodiscard]] hal::GpioLine& line() { return line_; }  ///< the GPIO line; not wired before request()
 
    private:
     hal::GpioLine line_;

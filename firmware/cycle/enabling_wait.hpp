@@ -15,8 +15,9 @@ struct EnablingWait {
   bool waits = false, all = false;                            ///< enabling; every axis has sent a frame
   std::array<bool, static_cast<unsigned>(axes_max)> heard{};  ///< by axis: a frame since enabling began
 
-  /// Counts; call once per tick while enabling, `passed` ticks after the last. `silent(i)`: ticks since the
-  /// last frame of axis i; `setting_up(i)`: it is a motor whose set-up goes on. True: `ticks_max` is reached.
+  /// Counts ticks without progress; call once per tick while enabling, `passed` ticks after the last.
+  /// `silent(i)`: ticks since the last frame of axis i; `setting_up(i)`: it is a motor whose set-up goes on.
+  /// True: `ticks_max` is reached.
   template <class Silent, class SettingUp>
   bool expired(int axis_count, std::uint32_t passed, std::uint32_t ticks_max, Silent&& silent,
                SettingUp&& setting_up) {

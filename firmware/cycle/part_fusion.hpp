@@ -21,10 +21,10 @@ using FusionPart = std::uint8_t (*)(const ControllerConfig<M>& config,
 
 namespace part {
 
-/// Weighted least squares: the smallest corrections of the angles, relative to the standard deviations of the
-/// encoders, that close the loop; the rates are corrected as well. Regular unless the tip velocities of all
-/// four joints are parallel, hence at type 2. Two Gauss-Newton steps: from 5 mm to below 1e-6 m, with bars of
-/// 0.1 m.
+/// FusionPart by weighted least squares: the smallest corrections of the angles, relative to the standard
+/// deviations of the encoders, that close the loop; the rates are corrected as well. Regular unless the tip
+/// velocities of all four joints are parallel, hence at type 2. Two Gauss-Newton steps: from 5 mm to below
+/// 1e-6 m, with bars of 0.1 m.
 template <class M>
 std::uint8_t closure_projection(const ControllerConfig<M>& config,
                                 const Vec<typename M::Scalar, M::joints>& angle,

@@ -100,7 +100,7 @@ class Chain {
   struct BodyMotion {
     Vec2<S> axis, slide;
 
-    ESMC_INLINE BodyMotion() : axis(Vec2<S>::Zero()), slide(Vec2<S>::Zero()) {}
+    ESMC_INLINE BodyMotion() : axis(Vec2<S>::Zero()), slide(Vec2<S>::Zero()) {}  ///< zero
     ESMC_INLINE BodyMotion(const Vec2<S>& of_axis, const Vec2<S>& of_slide)
         : axis(of_axis), slide(of_slide) {}
     ESMC_INLINE friend BodyMotion operator+(const BodyMotion& a, const BodyMotion& b) {

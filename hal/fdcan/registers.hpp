@@ -51,8 +51,8 @@ struct G4 {
   static constexpr Word ram_words = 212, rx_fifo = 44, rx_elements = 3, tx_buffers = 158, tx_elements = 3;
   static constexpr Word standard_filters = 0, extended_filters = 28;
   static constexpr Word fill = 0xF, index = 0x3;  ///< of RXF0S, TXFQS
-  /// Accepted frames into FIFO 0, which keeps the old ones when full; transmit queue; kernel clock undivided.
-  /// `rejected`: bits of filter::; the lists of filters have `standard` and `extended` elements.
+  /// Configures: accepted frames into FIFO 0, which keeps the old ones when full; transmit queue; clock
+  /// undivided. `rejected`: bits of filter::; the lists of filters have `standard` and `extended` elements.
   template <class Access>
   static void configure(Access& a, Word rejected, Word standard, Word extended) {
     a.write(0x80, rejected | (standard << 16) | (extended << 24));  // RXGFC
@@ -70,7 +70,7 @@ struct H7 {
                         standard_filters = tx_buffers + tx_elements * element::words,
                         extended_filters = standard_filters + 28, ram_words = extended_filters + 16;
   static constexpr Word fill = 0x7F, index = 0x3F;
-  /// Accepted frames into FIFO 0, transmit queue; arguments as in G4::configure().
+  /// Configures FIFO 0 for accepted frames and the transmit queue; arguments as in G4::configure().
   template <class Access>
   static void configure(Access& a, Word rejected, Word standard, Word extended) {
     a.write(0x80, rejected);                                    // GFC

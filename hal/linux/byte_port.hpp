@@ -14,9 +14,9 @@ namespace esmc::hal {
 /// A serial line that never blocks once it is open. After end of file or hang-up it stays gone().
 class SerialPort {
  public:
-  /// ENDPOINT: the path of a tty, optionally with `@BAUD` (default 115200; USB adapters ignore it), unix:PATH
-  /// or tcp:HOST:PORT, which may take 5 s. A tty is locked and made raw, 8N1, without flow control. On
-  /// failure is_open() is false and `why` is the reason; else `why` is empty.
+  /// Opens an endpoint: the path of a tty, optionally with `@BAUD` (default 115200; USB adapters ignore it),
+  /// unix:PATH or tcp:HOST:PORT, which may take 5 s. A tty is locked and made raw, 8N1, without flow control.
+  /// On failure is_open() is false and `why` is the reason; else `why` is empty.
   static SerialPort open(const std::string& endpoint, std::string& why);
 
   /// Adopts a non-blocking descriptor, which it closes: a socket pair in tests.

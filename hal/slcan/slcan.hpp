@@ -171,7 +171,7 @@ class SlcanBus {
     return false;
   }
 
-  [[nodiscard]] constexpr const SlcanDecoder& decoder() const { return decoder_; }  ///< counts lines
+  [[nodiscard]] constexpr const SlcanDecoder& decoder() const { return decoder_; }  ///< for its counts
 
  private:
   P* port_;

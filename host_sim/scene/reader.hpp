@@ -67,6 +67,7 @@ class Section {
   }
   /// Reads an array of numbers whose length is one of `sizes`. The default is sizes.front() zeros.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
+  /// Reads an array as numbers() does. None: the key is absent.
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
                                                       const std::vector<std::size_t>& sizes);
   /// Reads an array of integers whose length is one of `sizes`; integers(): of `size`, without a default.
@@ -100,7 +101,7 @@ class Section {
   /// Returns the tables of the array `key`, to be read under `schema` (default: this schema + "." + key).
   std::vector<Section> sections(const std::string& key, const std::string& schema = "");
 
-  /// Looks up the keys read from here on under `schema` ("reference[circle]") in the key table.
+  /// Sets the prefix ("reference[circle]") of the keys read from here on in the key table.
   void use_schema(const std::string& schema) {
     schema_ = schema;
     schemas_.push_back(schema);
@@ -171,7 +172,8 @@ void read_program(Section& s, Scene& scene);
 /// Adds to a program the start of the scene and the effects that it is planned with.
 void complete_program(Scene& scene);
 void read_drives(Section s, Scene& scene);  ///< reads [drives]
-/// Passive encoders, which follow the motors in the lists of nodes. `given` is [sensors], `root` its table.
+/// Reads passive encoders, which follow the motors in the lists of nodes. `given` is [sensors], `root` its
+/// table.
 void read_sensors(const std::optional<Section>& given, Section& root, Scene& scene);
 void read_command(Section s, Scene& scene);      ///< reads [command]
 void read_effects(Section& root, Scene& scene);  ///< reads every [[effects]]
