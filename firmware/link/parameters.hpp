@@ -38,6 +38,7 @@ class Parameters {
  public:
   using Values = std::array<float, parameter_count>;
 
+  /// All values 0, no gain writable.
   Parameters() { sum(); }
   /// A gain whose upper bound is not above its lower one cannot be written.
   Parameters(const Values& values, const std::array<Bounds, gain_count>& bounds)

@@ -69,6 +69,7 @@ inline bool wait_for_frame(HostBus& bus, std::chrono::nanoseconds patience) {
   bus.flush();
   return input;
 }
+/// Waits up to `milliseconds` for a frame to receive. False: there is none.
 inline bool wait_for_frame(HostBus& bus, int milliseconds) {
   return wait_for_frame(bus, std::chrono::milliseconds(milliseconds));
 }

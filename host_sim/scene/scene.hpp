@@ -252,7 +252,7 @@ struct Scene {
     for (std::size_t m = 0; m < n; ++m) out.push_back(m * all / n);
     return out;
   }
-  [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }  ///< type rr
+  [[nodiscard]] RrParams<double> arm() const { return {mechanism.legs[0], mechanism.g}; }  ///< if type is rr
 };
 
 /// Ticks between the controller's heartbeats (CANopen): a third of the drives' time-out, so that one may be
