@@ -121,7 +121,8 @@ class Rr {
   }
   /// M v + f + g, forces on the channels, N m and N: see Serial::force.
   [[nodiscard]] Channels force(const Channels& v, const Rates& r) const { return arm_.force(v, r); }
-  void add_rotors(Channels& v) const { arm_.add_rotors(v); }   ///< see Serial
+  /// Adds the share of the rotor at the elbow to the accelerations v of the channels: Serial::add_rotors.
+  void add_rotors(Channels& v) const { arm_.add_rotors(v); }
   [[nodiscard]] Channels mass() const { return arm_.mass(); }  ///< diagonal of M, kg m2 and kg
   /// C^T w (1), N m: torques of both joints of forces w on the channels.
   [[nodiscard]] Vec2<S> base_torque(const Pose& p, const Channels& w) const {

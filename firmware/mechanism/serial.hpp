@@ -234,9 +234,9 @@ class Serial {
     return out;
   }
 
-  /// Adds the rotors' share to the accelerations v of the channels, of which `first` is this chain's first
-  /// row: a rotor r at joint i > 0 adds r k k^T to M, k = (-1, 1) on the rows of bars i - 1 and i, so M^-1 r
-  /// k k^T v to v, and `force` gives all of it. The inertias of both bars must be > 0.
+  /// Adds M^-1 r k k^T v to the accelerations v of the channels for each rotor r at a joint i > 0, k = (-1,
+  /// 1) on the rows of bars i - 1 and i: `force` then includes the term r k k^T of M. `first`: row of v with
+  /// which this chain begins. The inertias of both bars must be > 0.
   template <int N>
   void add_rotors(Vec<S, N>& v, int first = 0) const {
     for (int i = 1; i < joints; ++i) {

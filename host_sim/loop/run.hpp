@@ -95,7 +95,7 @@ BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy = false);
 void require_bus_loop(const Scene& scene, bool with_accuracy = false);
 /// One line: settings that affect torque and cannot be read back from the scene's drives; "": none.
 std::string to_confirm(const Scene& scene);
-/// Throws InputError with to_confirm() where the scene must confirm those settings and does not.
+/// Throws InputError with the text of to_confirm() where drives.confirmed must be true and is not.
 void require_confirmed(const Scene& scene);
 /// Reads the scene of `o` for a command that uses a bus. Throws InputError, also for a bus_obstacle().
 Scene read_loop_scene(const RunOptions& o, bool with_accuracy = false);
