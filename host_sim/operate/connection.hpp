@@ -95,6 +95,11 @@ class Connection {
   [[nodiscard]] float parameter(link::Index i) const {
     return news().parameter[static_cast<std::size_t>(i)].value;
   }
+  /// s of so many ticks.
+  template <class Count>
+  [[nodiscard]] double seconds(Count ticks) const {
+    return static_cast<double>(ticks) * static_cast<double>(parameter(link::Index::sample_time));
+  }
   /// Writes a parameter and returns the answer.
   link::Answer write(std::uint8_t index, float value);
   /// Sends a frame until it arrives in step, and returns whether the controller obeyed. `done`: an effect
