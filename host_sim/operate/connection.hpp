@@ -2,12 +2,10 @@
 /// A console's connection to one controller on a bus: frames in and out, the sign of life, questions and
 /// their answers.
 
-#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <string>
 #include <vector>
 
 #include "firmware/link/parameters.hpp"

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"

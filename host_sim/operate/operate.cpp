@@ -10,7 +10,6 @@
 #include <sstream>
 #include <thread>
 
-#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"
 #include "host_sim/operate/line_input.hpp"
