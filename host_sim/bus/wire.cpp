@@ -50,46 +50,31 @@ class Writer {
   bool stuffed_last_ = false;
 };
 
-WireFrame fd_on_the_wire(const hal::CanFrame& f, Writer& w) {
+}  // namespace
+
+WireFrame on_the_wire(const hal::CanFrame& f) {
+  Writer w;
   w.put(false);  // start of frame
   w.put(f.extended ? f.id >> 18U : f.id, 11);
   if (f.extended) {
     w.put(0b11, 2);  // SRR, IDE
     w.put(f.id & 0x3'FFFFU, 18);
-    w.put(0b010, 3);  // RRS, FDF, res
-  } else {
-    w.put(0b0010, 4);  // RRS, IDE, FDF, res
   }
-  w.put(f.bit_rate_switch);
-  if (f.bit_rate_switch) w.switch_rate();
-  w.put(false);  // ESI: error active
-  w.put(hal::can_fd_code(f.size), 4);
-  for (const std::uint8_t byte : f.payload()) w.put(byte, 8);
-  return w.finish_at_fixed_bit();
-}
-
-}  // namespace
-
-WireFrame on_the_wire(const hal::CanFrame& f) {
-  Writer w;
-  if (f.fd) return fd_on_the_wire(f, w);
-  w.put(false);  // start of frame
-  if (f.extended) {
-    w.put(f.id >> 18U, 11);
-    w.put(0b11, 2);  // SRR, IDE
-    w.put(f.id & 0x3'FFFFU, 18);
-    w.put(f.remote);
-    w.put(0, 2);  // r1, r0
+  if (f.fd) {
+    w.put(0b010, f.extended ? 3 : 4);  // RRS, IDE of a base frame; FDF, res
+    w.put(f.bit_rate_switch);
+    if (f.bit_rate_switch) w.switch_rate();
+    w.put(false);  // ESI: error active
+    w.put(hal::can_fd_code(f.size), 4);
   } else {
-    w.put(f.id, 11);
     w.put(f.remote);
-    w.put(0, 2);  // IDE, r0
+    w.put(0, 2);  // IDE of a base frame, else r1; r0
+    w.put(f.size, 4);
   }
-  w.put(f.size, 4);
   if (!f.remote) {
     for (const std::uint8_t byte : f.payload()) w.put(byte, 8);
   }
-  return w.finish();
+  return f.fd ? w.finish_at_fixed_bit() : w.finish();
 }
 
 }  // namespace esmc::host

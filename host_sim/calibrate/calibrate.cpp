@@ -8,7 +8,6 @@
 #include <numbers>
 #include <tuple>
 
-#include "host_sim/calibrate/eccentric.hpp"
 #include "host_sim/calibrate/geometry.hpp"
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/error.hpp"

@@ -1,7 +1,7 @@
-#include "host_sim/calibrate/eccentric.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "host_sim/calibrate/geometry.hpp"
 
 namespace esmc::host {
 

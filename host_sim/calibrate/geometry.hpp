@@ -198,4 +198,15 @@ struct Calibration {
 /// from the covariance of the calibration. Infinite where its lengths cannot be closed there.
 [[nodiscard]] double effector_sigma(const Calibration& c, bool five_bar, const MeasuredAngles& angle);
 
+/// An encoder that is off the centre of its shaft: a sine of its own angle in the readings, which lengths and
+/// offsets would take up.
+struct EccentricEncoder {
+  int joint = 0;                     ///< in the order of the model
+  double amount = 0.0, sigma = 0.0;  ///< rad
+};
+
+/// The encoders of a five-bar for whose eccentricity what `c` leaves of the loop speaks clearly, and which
+/// shifts a value by more than 1.5 standard uncertainties. The shifts are added to the covariance of `c`.
+std::vector<EccentricEncoder> name_eccentric(const CalibrationProblem& p, Calibration& c);
+
 }  // namespace esmc::host

@@ -1,5 +1,3 @@
-#include "host_sim/cli/commands.hpp"
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 

@@ -10,7 +10,6 @@
 #include <iostream>
 #include <sstream>
 
-#include "host_sim/cli/commands.hpp"
 #include "host_sim/cli/options.hpp"
 #include "host_sim/error.hpp"
 #include "host_sim/scene/key.hpp"

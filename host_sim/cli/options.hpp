@@ -27,6 +27,9 @@ struct Program {
   int status = 0;            ///< exit status of the command that ran
 };
 
+/// Adds every subcommand with its options. Parsing runs the one that is named; `program` must outlive that.
+void add_commands(Program& program);
+
 /// What SIGINT and SIGTERM do: end the process, or request the end of its loop. Either way with the exit
 /// status exit_interrupted.
 enum class Signals { end, request_stop };

@@ -1,7 +1,5 @@
 #include "host_sim/identify/defects.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 

@@ -2,7 +2,6 @@
 /// What may move a mechanism beside its identified parameters: found in what these leave unexplained.
 
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "host_sim/identify/equations.hpp"

@@ -1,7 +1,6 @@
 #pragma once
 /// The equations of an identification: regressors of every tick, and their means under smooth windows.
 
-#include <array>
 #include <cstddef>
 #include <vector>
 

@@ -9,7 +9,7 @@
 
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/identify/inertia.hpp"
+#include "host_sim/identify/identification.hpp"
 #include "host_sim/identify/uncertainty.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"

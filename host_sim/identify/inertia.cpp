@@ -1,4 +1,4 @@
-#include "host_sim/identify/inertia.hpp"
+#include "host_sim/identify/identification.hpp"
 
 #include <fmt/format.h>
 

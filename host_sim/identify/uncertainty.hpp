@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "firmware/mechanism/params.hpp"
-#include "host_sim/identify/inertia.hpp"
+#include "host_sim/identify/identification.hpp"
 
 namespace esmc::host {
 

@@ -76,26 +76,16 @@
 
   /** What a state means for the user. */
   const meanings = {
+    ...phases,
     disabled: ["warn", "‖", "off", "The brake is closed. Start arms the drives."],
-    enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
     testing: ["warn", "…", "testing", "Each motor gets a little torque and must answer as the model says."],
-    running: ["ok", "▶", "running", ""],
-    halting: ["warn", "‖", "halting", "To rest under control."],
-    holding: ["warn", "‖", "holding", "At rest, held by the law."],
-    lowering: ["warn", "‖", "lowering", "The weight is let down."],
-    stopping: ["warn", "‖", "stopping", "Torque off, drives to idle."],
     waiting: ["warn", "…", "waiting", "The brake is closed until a controller on the bus has armed every drive."],
     armed: ["ok", "▶", "armed", "The drives obey the controller on the bus."],
     disarmed: ["bad", "!", "disarmed", "A drive is off with an error. The controller clears it, or Home puts everything back."],
     fault: ["bad", "!", "fault", "Torque off, latched. Reset clears it and arms again from where the mechanism is; Home puts it back to the beginning."],
   };
   function showState() {
-    const [level, sign, word, detail] = meanings[now.state] ?? ["warn", "?", now.state, ""], verdict = byId("verdict");
-    verdict.dataset.level = now.injecting && level === "ok" ? "warn" : level;
-    const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
-    put(query(".symbol"), sign);
-    put(byId("state"), word);
-    put(byId("why"), now.fault === "none" ? "" : now.fault.replaceAll("_", " "));
+    const detail = showVerdict(now, meanings);
     put(byId("detail"), now.injecting ? `The fault ${now.injecting.replaceAll("_", " ")} acts${now.state === "enabling" ? ": the drives cannot be armed before it is over. End it" : ""}.` : detail || (now.saturated ? "A torque is at its limit." : ""));
     for (const button of document.querySelectorAll("[data-do]")) {
       const fits = { start: now.state === "disabled", halt: /running|enabling|testing/.test(now.state), stop: !/disabled|fault/.test(now.state), reset: now.state === "fault" }[button.dataset.do];

@@ -6,15 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "host_sim/error.hpp"
 #include "host_sim/json_text.hpp"
-#include "host_sim/live/sample_log.hpp"
 #include "host_sim/live/session.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
@@ -26,9 +25,6 @@ namespace {
 
 constexpr std::size_t samples_kept = 120'000, samples_shown = 20'000, events_kept = 200;
 constexpr std::uint64_t samples_at_once = 2000;
-
-/// A message that no page of ours sends.
-struct Malformed {};
 
 double number(const Json& j) {
   if (!j.is_number()) throw Malformed();
@@ -51,7 +47,25 @@ std::vector<std::string> texts(const Json& j) {
   return out;
 }
 
-std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
+/// Names of the columns of log.csv, the state last.
+std::vector<std::string> sample_columns(const Scene& scene) {
+  const auto joints = joint_names(scene.type);
+  std::vector<std::string> out{"t", "x", "y"};
+  out.insert(out.end(), joints.begin(), joints.end());
+  for (const std::size_t joint : scene.motor_joints()) out.push_back("tau" + joints[joint].substr(5));
+  for (const char* name : {"x_ref", "y_ref", "s_1", "s_2", "force_x", "force_y", "state"})
+    out.emplace_back(name);
+  return out;
+}
+/// Values of all columns but the state; NaN where there is none.
+std::vector<double> sample_values(const LiveSample& s, const Scene& scene) {
+  const std::size_t first = scene.type == MechanismType::five_bar ? 2 : 0, joints = first == 2 ? 4 : 2;
+  std::vector<double> out{s.t, s.effector[0], s.effector[1]};
+  for (std::size_t i = 0; i < joints; ++i) out.push_back(s.q[first + i]);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i) out.push_back(s.torque[i]);
+  for (const auto& pair : {s.desired, s.sliding, s.force}) out.insert(out.end(), pair.begin(), pair.end());
+  return out;
+}
 
 std::string per_kind(const PerKind& k) {
   return k.position == k.angle ? fmt::format("{}", k.position)
@@ -88,9 +102,9 @@ class Page final : public Client {
         const LiveEvent& e = api_.events_.at(event_);
         list.push_back({{"t", e.t}, {"kind", e.kind}, {"text", e.text}});
       }
-      part("events", dump(list));
+      part("events", json_text(list));
     }
-    if (!answers_.empty()) part("answers", dump(std::exchange(answers_, {})));
+    if (!answers_.empty()) part("answers", json_text(std::exchange(answers_, {})));
     if (sample_ < kept.end()) {
       part("samples", samples());
       const LiveSample& s = kept.list.back();
@@ -107,7 +121,7 @@ class Page final : public Client {
                      {"saturated", s.saturated},
                      {"late", api_.loop_.late.load()},
                      {"dropped", api_.loop_.dropped.load()}};
-      part("now", dump(now));
+      part("now", json_text(now));
     }
     return out + "}";
   }
@@ -137,9 +151,9 @@ class Page final : public Client {
       } else if (key == "set") {
         api_.set(texts(value));
       } else if (key == "effects") {
-        std::string list;
-        for (const std::string& e : texts(value)) list += (list.empty() ? "{ " : ", { ") + e + " }";
-        api_.set({"effects=[" + list + "]"});
+        std::vector<std::string> tables = texts(value);
+        for (std::string& e : tables) e = "{ " + e + " }";
+        api_.set({fmt::format("effects=[{}]", fmt::join(tables, ", "))});
       } else {
         throw Malformed();
       }
@@ -264,8 +278,7 @@ std::string LiveApi::log_mcap() const {
   mcap.columns(sample_columns(*scene_));
   for (const LiveSample& s : samples_.list) mcap.row(sample_values(s, *scene_), s.state);
   mcap.commit();
-  std::ifstream in(file, std::ios::binary);
-  std::string out((std::istreambuf_iterator<char>(in)), {});
+  std::string out = bytes_of(file);
   fs::remove(file);
   return out;
 }
@@ -285,11 +298,8 @@ void LiveApi::send(LiveOrder o) {
 
 void LiveApi::set(const std::vector<std::string>& sets) {
   RunOptions o = options_;
-  std::string what;
-  for (const std::string& s : sets) {
-    o.sets = with_set(std::move(o.sets), s);
-    what += (what.empty() ? "" : ", ") + s;
-  }
+  auto what = fmt::format("{}", fmt::join(sets, ", "));
+  for (const std::string& s : sets) o.sets = with_set(std::move(o.sets), s);
   if (sets.empty()) o.sets = given_, what = "the scene as given";
   const auto scene = read_live_scene(o);
   const RestartLevel takes = restart_level(*scene_, *scene);
@@ -328,7 +338,7 @@ std::string LiveApi::scene_json() const {
          {"torque_limit", s.torque_limit},
          {"effects", std::move(effects)},
          {"sets", options_.sets}};
-  return dump(j);
+  return json_text(j);
 }
 
 std::string LiveApi::hello_json() const {
@@ -351,7 +361,7 @@ std::string LiveApi::hello_json() const {
       {"faults", std::move(faults)},
       {"hand",
        {{"stiffness", usual_hand_.stiffness}, {"damping", usual_hand_.damping}, {"most", usual_hand_.most}}}};
-  return dump(hello);
+  return json_text(hello);
 }
 
 }  // namespace esmc::host

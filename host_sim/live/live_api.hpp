@@ -2,7 +2,6 @@
 /// Messages between a live bench and its pages: JSON text both ways, listed in docs/live.md. Runs in the
 /// server's thread and reads scenes there, so that the loop gets only scenes that are possible.
 
-#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -37,22 +36,6 @@ class LiveApi final : public Service {
 
  private:
   friend class Page;
-
-  /// The latest samples or events, numbered from 0.
-  template <class T>
-  struct History {
-    std::deque<T> list;
-    std::uint64_t first = 0;  ///< number of the oldest
-    void add(T x, std::size_t most) {
-      list.push_back(std::move(x));
-      if (list.size() > most) {
-        list.pop_front();
-        ++first;
-      }
-    }
-    [[nodiscard]] std::uint64_t end() const { return first + list.size(); }
-    [[nodiscard]] const T& at(std::uint64_t number) const { return list[number - first]; }
-  };
 
   /// Each throws InputError with the line that the page shows.
   void set(const std::vector<std::string>& sets);

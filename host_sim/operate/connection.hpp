@@ -2,12 +2,10 @@
 /// A console's connection to one controller on a bus: frames in and out, the sign of life, questions and
 /// their answers.
 
-#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <string>
 #include <vector>
 
 #include "firmware/link/parameters.hpp"
@@ -94,6 +92,11 @@ class Connection {
   void read_parameters();
   [[nodiscard]] float parameter(link::Index i) const {
     return news().parameter[static_cast<std::size_t>(i)].value;
+  }
+  /// s of so many ticks.
+  template <class Count>
+  [[nodiscard]] double seconds(Count ticks) const {
+    return static_cast<double>(ticks) * static_cast<double>(parameter(link::Index::sample_time));
   }
   /// Writes a parameter and returns the answer.
   link::Answer write(std::uint8_t index, float value);

@@ -1,12 +1,14 @@
 #include "host_sim/operate/console.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <ranges>
 
 #include "host_sim/operate/capture.hpp"
 #include "host_sim/operate/status_text.hpp"
@@ -80,11 +82,9 @@ std::span<const Console::Command> Console::commands() {
 const Console::Command& Console::command_of(const Words& words) {
   const auto table = commands();
   const auto at = std::ranges::find_if(table, [&](const Command& c) { return words.front() == c.name; });
-  if (at == table.end()) {
-    std::string known;
-    for (const Command& c : table) known += std::string(known.empty() ? "" : ", ") + c.name;
-    refuse_at("", "there is no command '{}'; allowed are {}", printable(words.front()), known);
-  }
+  if (at == table.end())
+    refuse_at("", "there is no command '{}'; allowed are {}", printable(words.front()),
+              fmt::join(table | std::views::transform(&Command::name), ", "));
   if (words.size() - 1 < at->least || words.size() - 1 > at->most)
     refuse_at("", "{} takes {}", at->name, *at->arguments == '\0' ? "no argument" : at->arguments);
   return *at;
@@ -222,8 +222,7 @@ void Console::record(const Words& words) {
 void Console::capture(const Words& words) {
   OutputDirectory out(words[1]);
   const std::vector<link::CaptureTick> ticks = read_capture(link_);
-  out.write("capture.csv",
-            capture_csv(ticks, static_cast<double>(link_.parameter(link::Index::sample_time))));
+  out.write("capture.csv", capture_csv(ticks, link_.seconds(1)));
   out.write("summary.json",
             document_text({{"command", "operate"}, {"rows", ticks.size()}, {"fault", name(now().fault)}}));
   out.commit();
@@ -231,7 +230,7 @@ void Console::capture(const Words& words) {
 }
 
 void Console::leave() {
-  if (own_ && armed()) bring_to_rest();
+  if (own_ && armed()) halt();
   link_.keep_alive(Connection::Alive::no);
   if (record_) record({"record"});
 }

@@ -5,7 +5,6 @@
 #include <array>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -64,7 +63,8 @@ class Console {
   void status(const Words& words);
   void arm(const Words& words);
   void off(const Words& words);
-  void halt(const Words& words);
+  /// The order to come to rest, until the controller is.
+  void halt(const Words& words = {});
   void reset(const Words& words);
   void zero(const Words& words);
   void home(const Words& words);
@@ -104,8 +104,10 @@ class Console {
   [[nodiscard]] bool may_go_on() const;
   /// Stays, as the sign of life, until Ctrl-C or until the controller is not running.
   void stay();
-  /// The order to come to rest, until the controller is.
-  void bring_to_rest();
+  /// halt, after Ctrl-C or a stop on the page.
+  void interrupt();
+  /// Sends an order that needs neither counter nor tick until `done`. Throws Refused after a minute.
+  void insist(link::Order order, const std::function<bool()>& done, const char* reason, const char* what);
   /// The reference's position, m, or the measured base joints, rad. Throws Refused without telemetry.
   std::array<double, 2> position(link::Space space);
   [[nodiscard]] std::array<std::size_t, 2> base_joints() const;
@@ -121,5 +123,11 @@ class Console {
   std::function<void(const std::string&)> teller_;
   std::unique_ptr<TelemetryRecord> record_;
 };
+
+/// `esmc operate BUS SCENE --page`: the operator's page, another console over the same connection. Prints its
+/// address and serves it until Ctrl-C; orders of a page are commands of `console`. The sign of life is given
+/// only while the page that has the word answers. `port` 0: one that is free. Returns the exit status 0.
+/// Throws InputError where the port is taken, and RunError when bus or controller are gone.
+int run_page(Connection& link, Console& console, const Scene& scene, int port);
 
 }  // namespace esmc::host

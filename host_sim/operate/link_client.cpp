@@ -1,5 +1,6 @@
 #include "host_sim/operate/link_client.hpp"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <utility>
@@ -36,6 +37,18 @@ std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t 
       session,
       static_cast<link::Pace>(pace),
       (f.data[3] & 0x20U) != 0};
+}
+
+ControllerNews::Values ControllerNews::values() const {
+  Values out{};
+  auto at = out.begin();
+  const auto add = [&](const std::optional<std::array<float, 2>>& pair) {
+    at = std::ranges::copy(pair.value_or(std::array{std::nanf(""), std::nanf("")}), at).out;
+  };
+  add(effector);
+  add(error);
+  std::ranges::for_each(joint, add);
+  return out;
 }
 
 bool LinkClient::hear(const hal::CanFrame& f) {

@@ -26,6 +26,7 @@ struct CaptureNews {
 /// What a controller has said last. Telemetry and records carry no checksum: nothing is decided by them.
 struct ControllerNews {
   static constexpr unsigned parameters_max = 16;
+  using Values = std::array<float, 4 + 2 * link::joints_max>;
   /// Parameter_Value; its value need not be finite.
   struct Parameter {
     link::Answer answer = link::Answer::ok;
@@ -51,6 +52,9 @@ struct ControllerNews {
   std::uint32_t statuses = 0, counter_frames = 0, telemetry = 0;  ///< frames heard
   std::uint64_t ticks = 0;   ///< of the controller since the first Status, unless it starts again
   std::uint32_t others = 0;  ///< orders and signs of life of another computer
+
+  /// The telemetry: x, y, their errors, then angle and torque of each motor; NaN where none was heard.
+  [[nodiscard]] Values values() const;
 };
 
 /// One controller as a supervisor computer sees it.

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"
@@ -46,8 +45,8 @@ void Console::home(const Words&) {
   leave_disabled(link::Order::home,
                  "the order to home was not taken; the scene must have drives.homing_speed");
   const auto over = [&] { return now().state == State::disabled || now().state == State::fault; };
-  interrupted_ = link_.until(over, 1e9) == Waited::stopped;  // the controller bounds travel and time
-  if (interrupted_) return bring_to_rest();
+  // The controller bounds travel and time.
+  if (link_.until(over, 1e9) == Waited::stopped) return interrupt();
   own_ = false;
   if (now().zero_unknown) refuse("not_homed", "homing was ended before both stops were met");
   require_no_fault();
@@ -64,7 +63,7 @@ void Console::start(link::Source source) {
   leave_disabled(link::Order::arm, "the order to arm was not taken");
   const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
   const Waited w = link_.until(over, arming_seconds);
-  if (w == Waited::stopped) bring_to_rest();
+  if (w == Waited::stopped) halt();
   require_not_interrupted(link_);
   require_running();
 }
@@ -86,8 +85,7 @@ void Console::require_guided() {
 
 void Console::stay() {
   const auto ended = [&] { return now().state != State::running; };
-  interrupted_ = link_.until(ended, 1e9) == Waited::stopped;
-  if (interrupted_) return bring_to_rest();
+  if (link_.until(ended, 1e9) == Waited::stopped) return interrupt();
   if (now().state == State::halting || now().state == State::lowering || now().state == State::stopping)
     (void)link_.until(
         [&] {
@@ -99,19 +97,33 @@ void Console::stay() {
   require_no_fault();
 }
 
-void Console::bring_to_rest() {
-  // Neither counter nor tick is needed; once more every 0.1 s, for a frame may be lost.
-  const auto resting = [&] {
-    return !armed() ? now().state != State::stopping : now().state == State::holding;
-  };
+void Console::insist(link::Order order, const std::function<bool()>& done, const char* reason,
+                     const char* what) {
   const auto give_up = Connection::Clock::now() + std::chrono::duration<double>(rest_seconds);
-  while (!resting()) {
-    if (Connection::Clock::now() > give_up) refuse("not_at_rest", "the mechanism did not come to rest");
-    if (now().state != State::stopping) link_.send(link_.client().order(link::Order::disarm));
-    (void)link_.until(resting, 0.1, false);
+  while (!done()) {
+    if (Connection::Clock::now() > give_up) refuse(reason, what);
+    if (order == link::Order::off || now().state != State::stopping) link_.send(link_.client().order(order));
+    (void)link_.until(done, 0.1, false);  // once more every 0.1 s, for a frame may be lost
   }
   own_ = false;
   say(name(now().state));
+}
+
+void Console::halt(const Words&) {
+  const auto resting = [&] {
+    return !armed() ? now().state != State::stopping : now().state == State::holding;
+  };
+  insist(link::Order::disarm, resting, "not_at_rest", "the mechanism did not come to rest");
+}
+
+void Console::off(const Words&) {
+  const auto without = [&] { return now().state == State::disabled || now().state == State::fault; };
+  insist(link::Order::off, without, "refused", "the controller did not switch off");
+}
+
+void Console::interrupt() {
+  interrupted_ = true;
+  halt();
 }
 
 void Console::arm(const Words&) {
@@ -133,20 +145,6 @@ void Console::run_reference(const Words& words) {
   }
   say("running: follows the scene's reference");
   if (single_) stay();
-}
-
-void Console::halt(const Words&) { bring_to_rest(); }
-
-void Console::off(const Words&) {
-  const auto without = [&] { return now().state == State::disabled || now().state == State::fault; };
-  const auto give_up = Connection::Clock::now() + std::chrono::duration<double>(rest_seconds);
-  while (!without()) {
-    if (Connection::Clock::now() > give_up) refuse("refused", "the controller did not switch off");
-    link_.send(link_.client().order(link::Order::off));
-    (void)link_.until(without, 0.1, false);
-  }
-  own_ = false;
-  say(name(now().state));
 }
 
 void Console::hold(const Words&) {
@@ -235,8 +233,7 @@ bool Console::move_to(const std::array<double, 2>& to) {
   };
   const Waited w = link_.until(there, 20.0 * least + 30.0);
   if (w == Waited::stopped) {
-    interrupted_ = true;
-    bring_to_rest();
+    interrupt();
     return false;
   }
   require_running();
@@ -304,10 +301,7 @@ void Console::jog(const Words& words) {
   };
   const bool limit = !jog_along(stream, from, axis, speed, go_on);
   require_running();
-  if (link_.stopped()) {
-    interrupted_ = true;
-    return bring_to_rest();
-  }
+  if (link_.stopped()) return interrupt();
   const auto at = position(own);
   say(fmt::format("{}holds near {:.6f} {:.6f}", limit ? "at the scene's limit: " : "", at[0], at[1]));
 }
@@ -335,10 +329,7 @@ void Console::run_file(const std::string& file) {
   if (!stream.begin(path.at(0.0).position)) refuse("refused", "the stream was not taken");
   const bool over = follow_path(stream, path, [&] { return may_go_on(); });
   require_running();
-  if (link_.stopped()) {
-    interrupted_ = true;
-    return bring_to_rest();
-  }
+  if (link_.stopped()) return interrupt();
   // A sample that came late left a difference.
   if (over && !move_to(stream.sample(path.at(path.duration()))->position)) return;
   const std::uint32_t sets = link_.news().telemetry;

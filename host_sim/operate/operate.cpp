@@ -1,6 +1,7 @@
 #include "host_sim/operate/operate.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -9,13 +10,10 @@
 #include <sstream>
 #include <thread>
 
-#include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/bake.hpp"
 #include "host_sim/operate/console.hpp"
 #include "host_sim/operate/line_input.hpp"
-#include "host_sim/operate/page.hpp"
 #include "host_sim/operate/status_text.hpp"
-#include "host_sim/operate/telemetry_mcap.hpp"
 #include "host_sim/record/output.hpp"
 
 namespace esmc::host {
@@ -69,9 +67,8 @@ std::uint32_t only_controller(HostBus& bus) {
         fmt::format("no controller was heard for {} s on {}: is it on, and has its scene [command]?",
                     silence_ms / 1000, bus.name()));
   if (found.size() == 1) return found.front();
-  std::string list;
-  for (const std::uint32_t base : found) list += fmt::format("{}0x{:03x}", list.empty() ? "" : ", ", base);
-  refuse_at("", "several controllers are on {}: base_id {}; SCENE says which one is meant", bus.name(), list);
+  refuse_at("", "several controllers are on {}: base_id {:#05x}; SCENE says which one is meant", bus.name(),
+            fmt::join(found, ", "));
 }
 
 /// A board in lockstep and one in real time are made of different constants.

@@ -100,17 +100,11 @@
   }
 
   const meanings = {
+    ...phases,
     disabled: ["warn", "‖", "off", "Arm enables; the mechanism then holds its pose."],
-    enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
     testing: ["warn", "…", "testing", "Each motor in turn gets a little torque: the sign test, or homing."],
-    running: ["ok", "▶", "running", ""],
-    halting: ["warn", "‖", "halting", "To rest under control."],
-    holding: ["warn", "‖", "holding", "At rest, held by the law."],
-    lowering: ["warn", "‖", "lowering", "The weight is let down."],
-    stopping: ["warn", "‖", "stopping", "Torque off, drives to idle."],
     fault: ["bad", "!", "fault", "Latched. Look at the mechanism first; Reset acknowledges, then Arm."],
   };
-  const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
   function showRecords() {
     const texts = now.faults.map(({ name, axis, count, time_s: t, drive_error: error, measured, limit, where, unit }) => [name.replaceAll("_", " "),
       axis === null ? "" : `, axis ${axis}`, where ? `, ${symbol(where)}` : "", limit === undefined ? "" : `: ${sig(measured)} ${unit}, limit ${sig(limit)}`,
@@ -142,11 +136,7 @@
     });
   }
   function showState() {
-    const [level, sign, word, detail] = meanings[now.state] ?? ["warn", "?", now.state, ""], running = now.state === "running";
-    byId("verdict").dataset.level = level;
-    put(query(".symbol"), sign);
-    put(byId("state"), word);
-    put(byId("why"), now.fault === "none" ? "" : now.fault.replaceAll("_", " "));
+    const detail = showVerdict(now, meanings), running = now.state === "running";
     put(byId("detail"), now.busy && running ? `${now.busy} …` : now.zero_known ? detail : "The zero is not confirmed: Home, or Zero in the zero pose.");
     const fits = { arm: now.state === "disabled" && now.fault === "none", run: now.state === "disabled" && now.fault === "none", hold: running, resume: running && now.pace === "held",
       reset: now.fault !== "none", zero: now.state === "disabled", home: now.state === "disabled" && now.fault === "none", store: now.state === "disabled" && now.store !== "none" };

@@ -1,13 +1,13 @@
-#include "host_sim/operate/page.hpp"
-
 #include <fmt/format.h>
 
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "host_sim/operate/fault_values.hpp"
+#include "host_sim/operate/console.hpp"
 #include "host_sim/operate/page_api.hpp"
 #include "host_sim/operate/status_text.hpp"
+#include "host_sim/record/fault_record.hpp"
+#include "host_sim/record/recorder.hpp"
 #include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
@@ -44,10 +44,32 @@ Json hello_of(const Connection& link, const Scene& scene) {
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
 }
-/// s of so many ticks of a parameter.
-double ticks(const Connection& link, link::Index i) {
-  return static_cast<double>(link.parameter(i)) *
-         static_cast<double>(link.parameter(link::Index::sample_time));
+
+/// What telemetry says of a fault, for the command interface carries its name and its axis alone. Of one that
+/// the pose in the last telemetry shows (joint angle, workspace, singularities, closure): `where`,
+/// `measured`, `limit`, `unit`; otherwise an empty object.
+Json fault_values(Fault fault, const ControllerNews& news, const Scene& scene) {
+  Json values = Json::object();
+  const std::size_t second = news.joint[3] ? 2 : 1;  // with four motors the third is the other base joint
+  if (!news.joint[0] || !news.joint[second]) return values;
+  Scene of_base_joints = scene;  // the angles of passive joints are not sent
+  of_base_joints.all_sensors = false;
+  with_world(scene, [&]<class Traits>(Traits) {
+    using M = typename Traits::Mechanism;
+    Sample<M> sample;
+    sample.angle[0] = static_cast<double>((*news.joint[0])[0]);
+    sample.angle[M::joints / 2] = static_cast<double>((*news.joint[second])[0]);
+    TickResult<M> result;
+    result.fault = fault;
+    FaultFinder<Traits> finder(of_base_joints);
+    finder.see(result, sample);
+    if (const auto& found = finder.found(); found && found->measured && found->limit)
+      values = {{"where", found->where},
+                {"measured", *found->measured},
+                {"limit", *found->limit},
+                {"unit", found->unit}};
+  });
+  return values;
 }
 
 class PageLoop {
@@ -104,10 +126,7 @@ class PageLoop {
     }
   }
 
-  [[nodiscard]] double time() const {
-    return static_cast<double>(link_.news().ticks) *
-           static_cast<double>(link_.parameter(link::Index::sample_time));
-  }
+  [[nodiscard]] double time() const { return link_.seconds(link_.news().ticks); }
   /// In every wait of the console: what is shown, and stops without waiting for the command that runs.
   void meanwhile() {
     const auto now = Clock::now();
@@ -151,12 +170,7 @@ class PageLoop {
     if (now - row_at_ < row_period) return;
     row_at_ = now;
     Json row = Json::array({time()});
-    const auto pair = [&](const std::optional<std::array<float, 2>>& v) {
-      for (std::size_t i = 0; i < 2; ++i) row.push_back(v ? Json((*v)[i]) : Json(nullptr));
-    };
-    pair(n.effector);
-    pair(n.error);
-    for (const auto& joint : n.joint) pair(joint);
+    for (const float v : n.values()) row.push_back(v);  // NaN is written as null
     api_.add_row(row.dump());
   }
 
@@ -176,12 +190,12 @@ class PageLoop {
 }  // namespace
 
 int run_page(Connection& link, Console& console, const Scene& scene, int port) {
-  const double silence = ticks(link, link::Index::silence);
+  const double silence = link.seconds(link.parameter(link::Index::silence));
   PageApi api(hello_of(link, scene),
               {"arm", "run", "hold", "resume", "override", "goto", "reset", "zero", "home", "set", "store",
                "teach", "capture"},
               // A jog ends as a stream does, though not before what a browser on a busy machine needs.
-              seconds(std::max(ticks(link, link::Index::stream_age), 0.1)),
+              seconds(std::max(link.seconds(link.parameter(link::Index::stream_age)), 0.1)),
               seconds(silence > 0.0 ? 0.5 * silence : 1.0));
   const ServerOptions options = page_options(port, "operate", operate_html, operate_css, operate_js);
   const auto server = open_server(options, api);

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <memory>
 #include <utility>
 
@@ -21,10 +20,13 @@ constexpr std::size_t rows_kept = 4000, events_kept = 200, orders_max = 8, words
 constexpr int messages_per_second = 200;    // a page sends one for each of ours, 50 a second
 constexpr std::size_t unanswered_max = 25;  // 0.5 s
 
-/// A message that no page of ours sends.
-struct Malformed {};
-
-std::string dump(const Json& j) { return j.dump(-1, ' ', false, Json::error_handler_t::replace); }
+/// From number `from` on, as a JSON array; `from` becomes end().
+std::string array(const History<std::string>& lines, std::uint64_t& from) {
+  std::string out;
+  for (from = std::max(from, lines.first); from < lines.end(); ++from)
+    out += (out.empty() ? "[" : ",") + lines.at(from);
+  return out + "]";
+}
 
 std::string word(const Json& j) {
   if (!j.is_string() || j.get_ref<const std::string&>().size() > word_max) throw Malformed();
@@ -56,9 +58,9 @@ class OperatorPage final : public Client {
     std::string out = fmt::format("{{\"n\":{},\"word\":{}", number_, api_.word_ == this);
     if (!std::exchange(greeted_, true)) out += ",\"hello\":" + api_.hello_;
     out += ",\"now\":" + api_.now_;
-    if (row_ < api_.rows_.end()) out += ",\"rows\":" + api_.rows_.array(row_);
-    if (event_ < api_.events_.end()) out += ",\"events\":" + api_.events_.array(event_);
-    if (!answers_.empty()) out += ",\"answers\":" + dump(std::exchange(answers_, {}));
+    if (row_ < api_.rows_.end()) out += ",\"rows\":" + array(api_.rows_, row_);
+    if (event_ < api_.events_.end()) out += ",\"events\":" + array(api_.events_, event_);
+    if (!answers_.empty()) out += ",\"answers\":" + json_text(std::exchange(answers_, {}));
     return out + "}";
   }
 
@@ -146,22 +148,8 @@ class OperatorPage final : public Client {
 
 PageApi::PageApi(const Json& hello, std::vector<std::string_view> allowed, Clock::duration window,
                  Clock::duration absence)
-    : hello_(dump(hello)), allowed_(std::move(allowed)), window_(window), absence_(absence) {}
+    : hello_(json_text(hello)), allowed_(std::move(allowed)), window_(window), absence_(absence) {}
 PageApi::~PageApi() = default;
-
-void PageApi::Lines::add(std::string x, std::size_t most) {
-  list.push_back(std::move(x));
-  if (list.size() <= most) return;
-  list.pop_front();
-  ++first;
-}
-
-std::string PageApi::Lines::array(std::uint64_t& from) const {
-  std::string out;
-  for (from = std::max(from, first); from < end(); ++from)
-    out += (out.empty() ? "[" : ",") + list[from - first];
-  return out + "]";
-}
 
 std::unique_ptr<Client> PageApi::on_connect() {
   const Lock lock(mutex_);
@@ -193,7 +181,7 @@ void PageApi::add_row(std::string row) {
 }
 void PageApi::tell(double t, const char* kind, const std::string& text) {
   const Lock lock(mutex_);
-  events_.add(dump({{"t", t}, {"kind", kind}, {"text", printable(text)}}), events_kept);
+  events_.add(json_text({{"t", t}, {"kind", kind}, {"text", printable(text)}}), events_kept);
 }
 
 std::optional<PageApi::Order> PageApi::next_order() {

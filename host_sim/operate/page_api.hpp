@@ -66,15 +66,6 @@ class PageApi final : public Service {
  private:
   friend class OperatorPage;
 
-  /// The latest lines, numbered from 0.
-  struct Lines {
-    std::deque<std::string> list;
-    std::uint64_t first = 0;
-    void add(std::string x, std::size_t most);
-    [[nodiscard]] std::uint64_t end() const { return first + list.size(); }
-    /// From number `from` on, as a JSON array; `from` becomes end().
-    [[nodiscard]] std::string array(std::uint64_t& from) const;
-  };
   void raise(Stop s);
   void give_word(const OperatorPage* to);
 
@@ -82,7 +73,7 @@ class PageApi final : public Service {
   std::string hello_, now_ = "null";
   std::vector<std::string_view> allowed_;
   Clock::duration window_, absence_;
-  Lines rows_, events_;
+  History<std::string> rows_, events_;
   std::deque<Order> orders_;
   Stop stop_ = Stop::none;
   const OperatorPage* word_ = nullptr;  ///< the page that has the word; the others watch

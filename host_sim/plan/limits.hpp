@@ -13,8 +13,8 @@ namespace esmc::host::plan {
 inline constexpr double speed_reserve = 0.98;
 
 /// Names of the limits, by LimitKind.
-inline constexpr const char* kind_text[] = {
-    "the motors' torque", "limits.joint_speed", "acceleration", "speed", "acceleration", "jerk"};
+inline constexpr const char* kind_text[] = {"the motors' torque", "limits.joint_speed", "speed",
+                                            "acceleration", "jerk"};
 
 /// Motion of the effector at a point that the path passes with a state of its timing.
 [[nodiscard]] inline Motion2<double> motion_at(const CurvePoint& tip, const Timing::State& s) {

@@ -59,18 +59,13 @@ Vec2<double> Piece::position(double t) const {
   return p;
 }
 
-Piece line(const Vec2<double>& from, const Vec2<double>& to) {
+Piece line(const Vec2<double>& from, const Vec2<double>& to, Piece::Kind kind) {
   Piece out;
+  out.kind = kind;
   out.terms = 2;
   out.end = (to - from).norm();
   out.c[0] = from;
   out.c[1] = (to - from) / out.end;
-  return out;
-}
-
-Piece joint_line(const Vec2<double>& from, const Vec2<double>& to) {
-  Piece out = line(from, to);
-  out.kind = Piece::Kind::joint;
   return out;
 }
 

@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstddef>
-#include <functional>
 #include <vector>
 
 #include "firmware/types.hpp"
@@ -41,9 +40,9 @@ struct Piece {
   [[nodiscard]] Vec2<double> position(double t) const;  ///< the same without its derivatives
 };
 
-[[nodiscard]] Piece line(const Vec2<double>& from, const Vec2<double>& to);
-/// Straight in the base joints, rad. The ends of both must differ.
-[[nodiscard]] Piece joint_line(const Vec2<double>& from, const Vec2<double>& to);
+/// Straight in the plane, or with Kind::joint in the base joints, rad. The ends must differ.
+[[nodiscard]] Piece line(const Vec2<double>& from, const Vec2<double>& to,
+                         Piece::Kind kind = Piece::Kind::polynomial);
 /// Circle through three points; false: they are on a line.
 [[nodiscard]] bool arc(const Vec2<double>& from, const Vec2<double>& via, const Vec2<double>& to, Piece& out);
 /// Natural cubic spline through two points or more, no two neighbours equal.

@@ -112,9 +112,6 @@ class Route {
   }
 
  private:
-  [[noreturn]] static void refuse(std::size_t move, const char* key, const std::string& why) {
-    throw Refused(move, key, why);
-  }
   static std::string text(const Vec2<double>& p) { return fmt::format("({:.6g}, {:.6g})", p.x(), p.y()); }
 
   void mark() {
@@ -124,7 +121,7 @@ class Route {
   void start() {
     const auto& c = p_.controller;
     const auto d = desired_at_effector(c.mechanism, c.mode, tip_, Vec2<double>(0, 0), Vec2<double>(0, 0));
-    if (!d) refuse(0, "", fmt::format("begins at {}, which is out of reach", text(tip_)));
+    if (!d) throw Refused(0, "", fmt::format("begins at {}, which is out of reach", text(tip_)));
     unwrap(M::base_angles(d->pose));
   }
   /// The turn of each base angle that is nearest to where the base joints are.
@@ -155,27 +152,27 @@ class Route {
     const Vec2<double> to = vec(m.to), from = m.kind == MoveKind::joint ? base_ : tip_;
     constexpr double least = 1e-9;  // m or rad
     if (!((to - from).norm() > least)) {
-      refuse(i, "to",
-             fmt::format("{} is where the move begins{}", text(to),
-                         m.kind == MoveKind::arc ? ": a full circle takes two arcs" : ""));
+      throw Refused(i, "to",
+                    fmt::format("{} is where the move begins{}", text(to),
+                                m.kind == MoveKind::arc ? ": a full circle takes two arcs" : ""));
     }
-    if (m.kind == MoveKind::joint) return {joint_line(from, to)};
+    if (m.kind == MoveKind::joint) return {line(from, to, Piece::Kind::joint)};
     if (m.kind == MoveKind::arc) {
       Piece out;
       if (!arc(from, vec(m.via), to, out))
-        refuse(i, "via",
-               fmt::format("{} lies on the line from {} to {}: no circle", text(vec(m.via)), text(from),
-                           text(to)));
+        throw Refused(i, "via",
+                      fmt::format("{} lies on the line from {} to {}: no circle", text(vec(m.via)),
+                                  text(from), text(to)));
       return {out};
     }
     std::vector<Vec2<double>> points{from};
     for (const auto& through : m.through) {
       if (!((vec(through) - points.back()).norm() > least))
-        refuse(i, "through", fmt::format("has {} twice in a row", text(vec(through))));
+        throw Refused(i, "through", fmt::format("has {} twice in a row", text(vec(through))));
       points.push_back(vec(through));
     }
     if (!((to - points.back()).norm() > least))
-      refuse(i, "to", fmt::format("{} is the last point of through", text(to)));
+      throw Refused(i, "to", fmt::format("{} is the last point of through", text(to)));
     points.push_back(to);
     return spline(points);
   }
@@ -246,8 +243,8 @@ class Route {
     const CurvePoint in = curve(a, a.end), out = curve(b, b.begin);
     const double fast_in = in.d1.norm(), fast_out = out.d1.norm();
     if (!(in.d1.dot(out.d1) > -0.95 * fast_in * fast_out))
-      refuse(a.move, "blend",
-             fmt::format("cannot round the corner at {}: the next move turns back", text(in.p)));
+      throw Refused(a.move, "blend",
+                    fmt::format("cannot round the corner at {}: the next move turns back", text(in.p)));
     const bool both = after.size() == 1 && p_.moves[b.move].blend > 0.0;
     const double most = std::min(0.98 * a.length() * fast_in, (both ? 0.5 : 0.98) * b.length() * fast_out);
     Piece best;
@@ -271,7 +268,7 @@ class Route {
       if (!(cut > low && cut < high)) cut = 0.5 * (low + high);
     }
     if (!(best_cut > 0.0))
-      refuse(a.move, "blend", fmt::format("of {:g} m is too small to round the corner", allowed));
+      throw Refused(a.move, "blend", fmt::format("of {:g} m is too small to round the corner", allowed));
     deviation_ = std::max(deviation_, best_deviation);
     best.move = a.move;
     best.next = b.move;

@@ -17,15 +17,7 @@
 
 namespace esmc::host::plan {
 
-enum class LimitKind : std::uint8_t {
-  torque,
-  joint_speed,
-  joint_acceleration,
-  speed,
-  acceleration,
-  jerk,
-  count
-};
+enum class LimitKind : std::uint8_t { torque, joint_speed, speed, acceleration, jerk, count };
 
 /// Largest share of a limit along the program, and the share of the time of motion at the limit.
 struct Use {

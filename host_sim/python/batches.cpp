@@ -1,7 +1,5 @@
 /// rollout and sweep of the Python module.
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -1,11 +1,8 @@
 #include "host_sim/python/loop.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "firmware/cycle/estimate.hpp"
 #include "host_sim/controller/robust.hpp"

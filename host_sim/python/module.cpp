@@ -3,6 +3,7 @@
 #include "host_sim/python/module.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <cmath>
 #include <memory>
@@ -264,9 +265,7 @@ void translate_errors(py::module_& m) {
     try {
       if (p) std::rethrow_exception(p);
     } catch (const InputErrors& e) {
-      std::string all;
-      for (const std::string& line : e.lines()) all += (all.empty() ? "" : "\n") + line;
-      raise(input, all);
+      raise(input, fmt::format("{}", fmt::join(e.lines(), "\n")));
     } catch (const InputError& e) {
       raise(input, e.what());
     } catch (const RunError& e) {

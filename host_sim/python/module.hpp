@@ -13,6 +13,7 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/python/calls.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "host_sim/scene/toml_text.hpp"
@@ -75,10 +76,7 @@ struct PyScene {
     for (const std::size_t j : scene.motor_joints()) out.push_back(joints()[j]);
     return out;
   }
-  [[nodiscard]] std::vector<std::string> joints() const {
-    if (scene.type == MechanismType::five_bar) return {"theta11", "theta12", "theta21", "theta22"};
-    return {"theta1", "theta2"};
-  }
+  [[nodiscard]] std::vector<std::string> joints() const { return joint_names(scene.type); }
 };
 
 /// Refuses what __new__ alone has made: pybind11 would take it for a value.

@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <optional>
-#include <string>
 
 #include "firmware/cycle/controller.hpp"
 #include "host_sim/controller/controller_config.hpp"

@@ -1,7 +1,6 @@
 #pragma once
 /// The end of every run command: files into --out, the summary to the terminal, the exit status.
 
-#include <cstdio>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>

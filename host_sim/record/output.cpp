@@ -14,6 +14,7 @@
 #include <system_error>
 
 #include "host_sim/error.hpp"
+#include "host_sim/json_text.hpp"
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -173,7 +174,7 @@ void OutputDirectory::commit() {
 std::string document_text(const nlohmann::ordered_json& document, int indent) {
   nlohmann::ordered_json stamped{{"schema", 1}};
   stamped.update(document);
-  return stamped.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  return json_text(stamped, indent) + "\n";
 }
 
 void publish(const StudyOutput& s, bool json, OutputDirectory& out) {

@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
-#include <sstream>
 #include <type_traits>
 
 #include "host_sim/error.hpp"
@@ -30,13 +29,6 @@ std::ifstream opened(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) throw InputError("", path + ": cannot be read");
   return in;
-}
-
-std::string contents_of(const std::string& path) {
-  std::ifstream in = opened(path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
 }
 
 /// Number of lines. Throws InputError for an incomplete one and, with `frames`, for one not of candump -L.
@@ -106,7 +98,7 @@ Recording read_summary(const std::string& directory, bool any_version) {
   Recording r;
   r.directory = directory;
   try {
-    r.summary = parse_json(contents_of(r.file("summary.json")), true);
+    r.summary = parse_json(bytes_of(r.file("summary.json")), true);
   } catch (const nlohmann::json::exception& e) {
     throw InputError(r.file("summary.json"), std::string("no JSON document: ") + e.what());
   }
@@ -128,10 +120,10 @@ Recording read_summary(const std::string& directory, bool any_version) {
 
 void require_same_digest(const Recording& r) {
   std::error_code error;
-  std::uint64_t hash = fnv(fnv_start, contents_of(r.file("scene.toml")));
+  std::uint64_t hash = fnv(fnv_start, bytes_of(r.file("scene.toml")));
   for (const char* name : companion_names) {
     if (std::filesystem::exists(r.file(name), error))
-      hash = with_companion(hash, name, contents_of(r.file(name)));
+      hash = with_companion(hash, name, bytes_of(r.file(name)));
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)

@@ -12,23 +12,6 @@
 #include "host_sim/error.hpp"
 
 namespace esmc::host {
-namespace {
-
-constexpr std::uintmax_t bytes_max = std::uintmax_t{4} << 30U;
-
-std::string bytes_of(const std::string& file) {
-  require_regular_file(file);
-  std::error_code error;
-  if (std::filesystem::file_size(file, error) > bytes_max || error)
-    throw InputError("", file + ": is larger than 4 GiB");
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
-  if (!in.is_open() || in.bad()) throw InputError("", file + ": cannot be read");
-  return std::move(text).str();
-}
-
-}  // namespace
 
 std::vector<std::string_view> fields_of(std::string_view line) {
   std::vector<std::string_view> out;
@@ -45,6 +28,19 @@ void require_regular_file(const std::string& file) {
   if (std::filesystem::is_regular_file(file, error)) return;
   const bool there = std::filesystem::exists(file, error);
   throw InputError("", file + (there ? ": is not a regular file" : ": there is no such file"));
+}
+
+std::string bytes_of(const std::string& file) {
+  constexpr std::uintmax_t bytes_max = std::uintmax_t{4} << 30U;
+  require_regular_file(file);
+  std::error_code error;
+  if (std::filesystem::file_size(file, error) > bytes_max || error)
+    throw InputError("", file + ": is larger than 4 GiB");
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
+  if (!in.is_open() || in.bad()) throw InputError("", file + ": cannot be read");
+  return std::move(text).str();
 }
 
 RecordedTable read_table(const std::string& file, const std::vector<std::string>& names,

@@ -6,6 +6,8 @@
 #include <string_view>
 #include <utility>
 
+#include "host_sim/json_text.hpp"
+
 namespace esmc::host {
 
 extern const std::string_view report_template;  // report.html.in, embedded by embed.cmake
@@ -100,7 +102,7 @@ constexpr std::string_view data_mark = "/*ESMC_DATA*/";
 /// JSON text that an HTML parser cannot mistake for markup. In JSON `<` occurs only inside strings, where
 /// \u003c means the same; without it there is neither `</script>` nor `<!--`.
 std::string json_for_html(const Json& data) {
-  const std::string plain = data.dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
+  const std::string plain = json_text(data);
   std::string safe;
   safe.reserve(plain.size() + 64);
   for (const char c : plain) c == '<' ? safe.append("\\u003c") : safe.append(1, c);

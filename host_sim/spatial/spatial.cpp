@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "host_sim/effects/random.hpp"
 #include "host_sim/error.hpp"

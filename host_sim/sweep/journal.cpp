@@ -11,7 +11,6 @@
 
 #include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
-#include "host_sim/record/digest.hpp"
 
 namespace esmc::host {
 namespace {

@@ -11,6 +11,27 @@ class EventsPanel {
   }
 }
 
+const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+
+/** What a state means for the user, where both pages say the same. */
+const phases = {
+  enabling: ["warn", "…", "arming", "The drives are being set up and armed."],
+  running: ["ok", "▶", "running", ""],
+  halting: ["warn", "‖", "halting", "To rest under control."],
+  holding: ["warn", "‖", "holding", "At rest, held by the law."],
+  lowering: ["warn", "‖", "lowering", "The weight is let down."],
+  stopping: ["warn", "‖", "stopping", "Torque off, drives to idle."],
+};
+/** Shows state and fault. Returns the detail of the state's meaning. */
+function showVerdict({ state, fault, injecting }, meanings) {
+  const [level, sign, word, detail] = meanings[state] ?? ["warn", "?", state, ""];
+  byId("verdict").dataset.level = injecting && level === "ok" ? "warn" : level;
+  put(query(".symbol"), sign);
+  put(byId("state"), word);
+  put(byId("why"), fault === "none" ? "" : fault.replaceAll("_", " "));
+  return detail;
+}
+
 /** Connects, and again 2 s after each loss, which the page shows. Returns what sends a message, where there is a connection. */
 function connectPage(hear, why) {
   let socket = null;

@@ -4,11 +4,13 @@
 
 #include <atomic>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <thread>
+#include <utility>
 
 namespace esmc::host {
 
@@ -65,6 +67,24 @@ class Service {
 
  protected:
   Service() = default;
+};
+
+/// A message that no page of ours sends.
+struct Malformed {};
+
+/// The latest of what pages are told, numbered from 0.
+template <class T>
+struct History {
+  std::deque<T> list;
+  std::uint64_t first = 0;  ///< number of the oldest
+  void add(T x, std::size_t most) {
+    list.push_back(std::move(x));
+    if (list.size() <= most) return;
+    list.pop_front();
+    ++first;
+  }
+  [[nodiscard]] std::uint64_t end() const { return first + list.size(); }
+  [[nodiscard]] const T& at(std::uint64_t number) const { return list[number - first]; }
 };
 
 struct ServerOptions {

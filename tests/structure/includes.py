@@ -258,7 +258,7 @@ def self_test(root):
         ("host_sim/campaign/judge.hpp", '#include "host_sim/live/session.hpp"'),
         ("host_sim/campaign/judge.hpp", '#include "firmware/safety/supervisor.hpp"'),
         ("host_sim/calibrate/geometry.hpp", '#include "firmware/mechanism/five_bar.hpp"'),
-        ("host_sim/identify/inertia.hpp", '#include "host_sim/controller/controller_config.hpp"'),
+        ("host_sim/identify/identification.hpp", '#include "host_sim/controller/controller_config.hpp"'),
         ("host_sim/design/extremes.hpp", '#include "host_sim/plant/plant.hpp"'),
         ("host_sim/design/extremes.hpp", '#include "host_sim/scene/scene.hpp"'),
         ("host_sim/plan/plan.hpp", '#include "host_sim/plant/plant.hpp"'),
