@@ -34,7 +34,9 @@ HostBus open_socketcan(const std::string& interface, bool fd) {
     why = "the interface carries classic frames only, and these drives speak CAN FD (vcan: ip link set " +
           interface + " mtu 72; can: ip link set " + interface + " type can ... dbitrate 5000000 fd on)";
   if (error.value() == EAFNOSUPPORT || error.value() == EPROTONOSUPPORT)
-    why = "this kernel has no CAN; --bus virtual needs none, docs/hil.md shows a way to vcan";
+    why =
+        "this kernel has no CAN (docs/hil.md, \"When the kernel has no CAN\"); hil and live need none with "
+        "--bus virtual";
   refuse("--bus socketcan:{}: {}", interface, why);
 }
 

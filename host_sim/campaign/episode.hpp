@@ -279,7 +279,7 @@ EpisodeResult EpisodeKind<Traits>::run(std::uint64_t seed, Draw draw, EpisodeTra
     order = loop.send_order(order);
     loop.publish(first);
     loop.control(order);
-    // The controller then has to notice, and to come to rest as if it had been told to.
+    // The controller then has to notice, and to come to rest as after the command halt.
     if (gone && since == injection.notice_ticks) order = Operator::halt;
     loop.deliver(tick);
     judge.look(tick, order, loop.word(), plant, loop.bus(), first);

@@ -25,7 +25,7 @@ struct EpisodeTimes {
   int open_ticks = 25;           ///< without samples, in which the motion hardly changes: 1 / lambda
   int heartbeat_ticks = 0;       ///< time-out of a drive's heartbeats
   int beat_ticks = 10;           ///< from one heartbeat of a drive to the next
-  int watchdog_ticks = 11;       ///< from the last frame that feeds a drive until it lets go
+  int watchdog_ticks = 11;       ///< from the last frame that feeds a drive until its torque is zero
   int feed_ticks = 1;            ///< from one such frame to the next
   double watchdog_ms = 12.0;     ///< from the last such frame to zero torque, at most
   double frames_ms = 0.0;        ///< time on the bus of the frames that take the torque away

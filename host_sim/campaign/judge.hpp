@@ -11,7 +11,7 @@
 
 namespace esmc::host {
 
-/// A motor as the judge sees it.
+/// State of a motor, for the judge.
 struct MotorState {
   double torque = 0.0;          ///< N m at the joint, as the drive applies it over the tick
   double limit = 0.0;           ///< N m at the joint
@@ -45,7 +45,7 @@ struct Verdict {
 /// Times measured in an episode; negative: did not occur.
 struct Reaction {
   double notice_ms = -1.0;  ///< from the beginning of the fault to the controller's latched fault
-  double safe_ms = -1.0;    ///< from there to zero torque at the last of the drives that hear
+  double safe_ms = -1.0;    ///< from there to zero torque at the last drive that receives frames
   double death_ms = -1.0;   ///< from the last command of a dead controller to zero torque
 };
 

@@ -30,7 +30,7 @@ struct ProtocolTraits {
   double (*torque_step)(const Scene&, std::size_t motor);
   bool zero_is_a_step = true;   ///< false: the torques next to zero are half a step away from it
   bool tells_its_state = true;  ///< drives report when they leave torque control
-  int ticks_to_let_go = 0;      ///< more, until a drive that is told to leave torque control has done so
+  int ticks_to_let_go = 0;      ///< additional ticks from the disarm command to the end of torque control
   /// The controller's frame that feeds the watchdogs; null: a command to the drive.
   bool (*is_sign_of_life)(const Scene&, const Frame&) = nullptr;
   /// A torque command alone brings a stopped drive into torque control: another controller's torque acts as

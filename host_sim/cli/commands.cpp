@@ -185,7 +185,7 @@ int run_bake(const BakeOptions& o) {
     fmt::print(
         stderr,
         "esmc: {}: an image that observes and does not arm (drives_not_confirmed) until 'drives.confirmed' "
-        "is true, that is, once somebody has checked: {}\n",
+        "is true; set it after checking: {}\n",
         o.run.scene, to_confirm(scene));
   }
   const Pacing pacing = o.run.realtime ? Pacing::realtime : Pacing::lockstep;
@@ -319,8 +319,7 @@ void add_scene_commands(Program& p) {
   add_json(plan, plan_options.json);
 
   const auto [loop, loop_options] =
-      add(p, "margins",
-          "gain, phase and delay that the sampled loop bears beyond its own, and where it would ring",
+      add(p, "margins", "gain, phase and delay margins of the sampled loop, and its ringing frequency",
           run_margins);
   add_scene(loop, loop_options);
   add_out(loop, loop_options.out, "scene.toml and margins.json");

@@ -120,7 +120,7 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
     seen.push_back(name);
     left += (left.empty() ? "" : ", ") + name;
   }
-  if (!left.empty()) out += "     Left out, because this format cannot say it: " + left + ".\n";
+  if (!left.empty()) out += "     Omitted, because this format cannot express it: " + left + ".\n";
   return out;
 }
 

@@ -231,8 +231,7 @@ std::string text_of(const Identification& r, const RecordedRun& run, const Ident
   return out;
 }
 
-/// The scene of the run whose controller believes what was found.
-/// What is believed of the motors, and what was found beyond that: of each motor one cogging torque, the
+/// Writes the motor map: the model's values plus the identified ones; per motor one cogging torque, the
 /// larger.
 void put_motors(toml::table& model, const Identification& r, const IdentifyProblem& p,
                 const ModelFactors& believed) {

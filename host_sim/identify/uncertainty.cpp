@@ -205,7 +205,7 @@ std::string factor_lines(const Changes& c, const FactorFit& f, double coverage,
   for (std::size_t k = 0; k < factored.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     if (!f.told[k]) {
-      out += fmt::format("# {}: not told apart by this motion\n", factor_names[k]);
+      out += fmt::format("# {}: not determined by this motion\n", factor_names[k]);
       continue;
     }
     const double half = half_width(f, i, coverage), is = 1.0 + f.value[i];
@@ -284,7 +284,7 @@ void match_each(FiveBarParams<double>& p, const Identification& r, const Identif
   }
   const auto n = static_cast<Eigen::Index>(value.size());
   std::vector<bool> at_zero(value.size(), false);
-  for (std::size_t pass = 0; pass <= value.size(); ++pass) {  // whatever would be below 0 is 0
+  for (std::size_t pass = 0; pass <= value.size(); ++pass) {  // negative values are set to 0
     const FiveBarParams<double> centre = p;
     const Changes c = changes_of(r, problem, centre);
     const Matrix root = whitening(c);

@@ -89,7 +89,7 @@ void require_confirmed(const Scene& scene) {
   const std::string open = to_confirm(scene);
   if (open.empty() || scene.drives.confirmed.value_or(!scene.hardware)) return;
   throw InputError(scene.drives.where,
-                   "'drives.confirmed' must be true before these drives are armed, once somebody has checked "
+                   "'drives.confirmed' must be true before these drives are armed; set it after checking "
                    "what cannot be read back: " +
                        open);
 }

@@ -72,8 +72,9 @@ std::span<const Console::Command> Console::commands() {
               "a gain within the bounds of [command]: control.lambda, control.gain.angle, ...", 2, 2,
               &Console::set},
       Command{"store", "", "keep the gains for the power-ups to come", 0, 0, &Console::store},
-      Command{"record", "[DIR]", "write what is heard to DIR, until Ctrl-C; at the prompt until `record`", 0,
-              1, &Console::record},
+      Command{"record", "[DIR]",
+              "write received frames and telemetry to DIR, until Ctrl-C; at the prompt until `record`", 0, 1,
+              &Console::record},
       Command{"capture", "DIR", "write the last ticks that the controller has kept to DIR", 1, 1,
               &Console::capture}};
   return table;
@@ -146,7 +147,7 @@ Points& Console::points() const {
 
 void Console::teach(const Words& words) {
   auto at = position(space());
-  // Without torque it stands where hands have put it, whatever the reference is.
+  // Without torque the measured pose counts, for every reference.
   if (space() == link::Space::effector && now().state != State::running)
     for (std::size_t i = 0; i < at.size(); ++i) at[i] = static_cast<double>((*link_.news().effector)[i]);
   points().teach(words[1], at);

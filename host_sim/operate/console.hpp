@@ -56,7 +56,7 @@ class Console {
   void keep_points(Points* in) { points_ = in; }
   [[nodiscard]] const Points* known_points() const { return points_; }
   [[nodiscard]] link::Space space() const;  ///< of set points and samples
-  /// Takes what is told instead of standard output.
+  /// Receives the output in place of standard output.
   void tell(std::function<void(const std::string&)> to) { teller_ = std::move(to); }
 
  private:
@@ -126,7 +126,7 @@ class Console {
 
 /// `esmc operate BUS SCENE --page`: the operator's page, another console over the same connection. Prints its
 /// address and serves it until Ctrl-C; orders of a page are commands of `console`. The sign of life is given
-/// only while the page that has the word answers. `port` 0: one that is free. Returns the exit status 0.
+/// only while the page in control answers. `port` 0: one that is free. Returns the exit status 0.
 /// Throws InputError where the port is taken, and RunError when bus or controller are gone.
 int run_page(Connection& link, Console& console, const Scene& scene, int port);
 

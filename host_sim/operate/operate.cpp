@@ -74,16 +74,15 @@ std::uint32_t only_controller(HostBus& bus) {
 /// A board in lockstep and one in real time are made of different constants.
 void require_same_identity(Scene scene, std::uint32_t announced) {
   if (announced == 0) return;
-  std::uint32_t own = 0;
   for (const bool hardware : {false, true}) {
     scene.hardware = hardware;
     for (const Pacing p : {Pacing::lockstep, Pacing::realtime}) {
-      own = identity_of(scene, p);
-      if (own == announced) return;
+      if (identity_of(scene, p) == announced) return;
     }
   }
-  throw Refused(
-      fmt::format("other_scene: the controller announces {:08x}, {} is {:08x}", announced, scene.file, own));
+  throw Refused(fmt::format(
+      "other_scene: the controller runs scene {:08x}; {} with these --set values is another scene", announced,
+      scene.file));
 }
 
 /// The orders that remove torque go out before anything is heard, three times: a frame may be lost.

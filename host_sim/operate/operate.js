@@ -144,7 +144,7 @@
       button.disabled = !has || !fits[button.dataset.do];
       button.classList.toggle("wanted", has && ((button.dataset.do === "reset" && now.fault !== "none") || (button.dataset.do === "arm" && fits.arm)));
     }
-    if (!running) pad.release();  // a button that is disabled under the hand does not tell when it is let go
+    if (!running) pad.release();  // a button disabled while pressed fires no release event
     byId("override").hidden = !has || now.source !== "reference";
     byId("watching").hidden = has;
     const joints = base(now.joints);

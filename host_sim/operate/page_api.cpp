@@ -53,7 +53,7 @@ class OperatorPage final : public Client {
   [[nodiscard]] std::string next() override {
     const Lock lock(api_.mutex_);
     if (number_ - answered_ >= unanswered_max)
-      return {};  // it hangs, or is slow: what it hears is to be of now
+      return {};  // the page does not keep up: skip states that are out of date
     sent_[++number_ % sent_.size()] = PageApi::Clock::now();
     std::string out = fmt::format("{{\"n\":{},\"word\":{}", number_, api_.word_ == this);
     if (!std::exchange(greeted_, true)) out += ",\"hello\":" + api_.hello_;

@@ -25,7 +25,7 @@ class PageApi final : public Service {
   /// What goes before all orders, by rank.
   enum class Stop : std::uint8_t {
     none,
-    left,  ///< the page that has the word is gone: what this console has armed comes to rest
+    left,  ///< the page in control is gone: what this console has armed comes to rest
     halt,
     off,
   };
@@ -35,7 +35,7 @@ class PageApi final : public Service {
   };
 
   /// `hello`: what a page has to know once. `allowed`: commands that a page may give, besides jog. Counted
-  /// from when the page that has the word was last there, a jog ends after `window`, and it has left after
+  /// from when the page in control was last there, a jog ends after `window`, and it has left after
   /// `absence`.
   PageApi(const nlohmann::ordered_json& hello, std::vector<std::string_view> allowed, Clock::duration window,
           Clock::duration absence);
@@ -56,7 +56,7 @@ class PageApi final : public Service {
   /// The stop that waits to be carried out. Orders given before it are gone.
   [[nodiscard]] Stop stop();
   void stop_done(Stop carried_out);
-  /// Whether the page that has the word was there since the last call: one sign of life each.
+  /// Whether the page in control was there since the last call: one sign of life each.
   [[nodiscard]] bool take_life();
   /// Whether the jog with this number goes on: held, by a page that is there.
   [[nodiscard]] bool held(std::uint64_t jog);
@@ -76,7 +76,7 @@ class PageApi final : public Service {
   History<std::string> rows_, events_;
   std::deque<Order> orders_;
   Stop stop_ = Stop::none;
-  const OperatorPage* word_ = nullptr;  ///< the page that has the word; the others watch
+  const OperatorPage* word_ = nullptr;  ///< the page in control; the others watch
   Clock::time_point life_{};            ///< when that page was there for certain
   bool life_taken_ = true, absent_ = false;
   std::uint64_t jog_ = 0, jogs_ = 0;  ///< the jog that is held, 0: none; their count

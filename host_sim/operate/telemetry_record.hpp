@@ -1,5 +1,5 @@
 #pragma once
-/// What a console hears of a controller, written down.
+/// Telemetry of a controller, written down.
 
 #include <cstdint>
 #include <functional>

@@ -18,7 +18,7 @@ namespace esmc::host {
 namespace {
 
 namespace py = pybind11;
-constexpr std::chrono::milliseconds patience{50};  // of who pressed Ctrl-C
+constexpr std::chrono::milliseconds patience{50};  // longest delay after Ctrl-C
 
 /// Of the process.
 struct Calls {

@@ -14,7 +14,9 @@ namespace esmc::host {
 /// How a case ended: these, or `outcome_fault` + the number of the fault.
 inline constexpr std::uint32_t outcome_ok = 0, outcome_diverged = 1, outcome_impossible = 2,
                                outcome_inaccurate = 3, outcome_not_run = 4, outcome_fault = 16;
-[[nodiscard]] std::string outcome_name(std::uint32_t outcome);  ///< "ok", ..., or of the fault
+[[nodiscard]] std::string outcome_name(
+    std::uint32_t
+        outcome);  ///< "ok", "diverged", "impossible", "inaccurate", "not_run", or the name of the fault
 
 /// Cases of a sweep that are done together.
 using Package = std::vector<std::uint64_t>;

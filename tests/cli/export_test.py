@@ -49,11 +49,11 @@ def main():
         expect(len(set(children)) == len(children) and links - set(children) == {"world"}, f"{scene.name}: the URDF is no tree")
         expect(("effector_cut" in links) == (joints == 4), f"{scene.name}: the cut")
 
-    expect("cannot say it: encoder.\n" in good(friction, "mjcf"), "MJCF says what it leaves out")
-    expect("cannot say it: encoder, torque_saturation.\n" in good(friction, "urdf"), "URDF says what it leaves out")
+    expect("cannot express it: encoder.\n" in good(friction, "mjcf"), "MJCF says what it leaves out")
+    expect("cannot express it: encoder, torque_saturation.\n" in good(friction, "urdf"), "URDF says what it leaves out")
     expect("Left out" not in good(circle, "mjcf"), "nothing is left out of the circle")
     both = good(circle, "mjcf", "--set", 'effects=[{type="compute_delay", time=1e-4}, {type="delay", ticks=1}]')
-    expect("cannot say it: compute_delay, delay.\n" in both, "both delays are named")
+    expect("cannot express it: compute_delay, delay.\n" in both, "both delays are named")
     stops = xml.fromstring(good(circle, "mjcf", "--set", 'effects=[{type="end_stops", lower=[-1, -2], upper=[2, 3]}]'))
     ranges = [j.get("range") for j in stops.iter("joint") if j.get("name")]
     expect(ranges == ["-1 2", None, "-2 3", None], f"end stops: {ranges}")
