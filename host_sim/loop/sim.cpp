@@ -113,7 +113,8 @@ class SimRun {
       const bool clipped =
           std::any_of(now.begin(), now.end(), [&](double v) { return std::abs(v) == wave.limit; });
       record(n, now, clipped, {});
-      motion_.advance(n * tick, span * tick, static_cast<int>(span) * substeps, torque);
+      const int steps = static_cast<int>(span) * substeps, at_once = recording_ ? 1 : scene_.resolution.ticks;
+      motion_.advance(n * tick, span * tick, (steps + at_once - 1) / at_once, torque);
     }
   }
 

@@ -55,7 +55,7 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
   /// Integrates from t to `end` in steps of at most `step`, torques and loads being smooth between.
   void stretch(double t, double end, double step) {
     const double last = end - 1e-12 * (end - t);
-    if (!smooth_) first_ = system_.begin(t, y_);
+    if (!smooth_) first_ = system_.begin(t, y_, first_);
     if (constant_ && system_.frozen()) return;
     for (int events = 0; t < last;) {
       const double rest = end - t;
@@ -103,21 +103,26 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
   /// may have been, for a part of the step, earlier than its end shows.
   [[nodiscard]] bool happened(double t, double& h, const State& y) {
     if (smooth_) return false;
-    Guards last = system_.guards(t + h, y);
+    last_ = system_.guards(t + h, y);
     const State bend = inner_.bend();
+    bool event = last_.least() < 0.0;
+    if (!event && !may_dip(0.125 * h * system_.guard_change(bend))) {
+      first_ = last_;
+      return false;
+    }
     State middle = before_;
     for (std::size_t i = 0; i < system_.size(); ++i)
       middle[i] = 0.5 * (before_[i] + y[i]) + 0.125 * h * bend[i];
-    bool event = last.least() < 0.0;
     for (int i = 0; i < 8; ++i) {
-      const double part = dip(t, h, system_.guards(t + 0.5 * h, middle), last);
+      middle_ = system_.guards(t + 0.5 * h, middle);
+      const double part = dip(t, h, middle_, last_);
       if (part == 1.0) break;
       event = true;
       h *= part;
-      last = guards_after(t, h, middle);
+      last_ = guards_after(t, h, middle);
       (void)guards_after(t, 0.5 * h, middle);
     }
-    if (!event) first_ = last;
+    if (!event) first_ = last_;
     return event;
   }
   Guards guards_after(double t, double h, State& y) {
@@ -125,10 +130,19 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
     probe_.step(t, h, y);
     return system_.guards(t + h, y);
   }
+  static constexpr double inf = std::numeric_limits<double>::infinity();
+  static constexpr double near = 0.05;  // of its depth: how well a parabola knows its lowest point
+  /// Whether dip() could find anything if no guard in the middle is further than `off` from its mean.
+  [[nodiscard]] bool may_dip(double off) const {
+    for (std::size_t i = 0; i < last_.count; ++i) {
+      const double lowest = std::min(first_.value[i], last_.value[i]) - off;
+      if (!(lowest >= near * (std::max(first_.value[i], last_.value[i]) - lowest))) return true;
+    }
+    return false;
+  }
   /// Part of the step at which a guard is negative that the end of the step does not show, 1: none. A
   /// parabola through the guard's value in the middle tells where to look.
   [[nodiscard]] double dip(double t, double h, const Guards& inside, const Guards& last) {
-    constexpr double near = 0.05;  // of its depth: how well the parabola knows the lowest point
     double first = 1.0;
     for (std::size_t i = 0; i < last.count; ++i) {
       const double a = first_.value[i], b = last.value[i], m = inside.value[i];
@@ -142,36 +156,56 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
     return first;
   }
 
+  /// Guards after a step of length `at` from before_.
+  struct Trial {
+    double at;
+    Guards guards;
+  };
   /// Length of the step from before_ at t, at most h, that ends at the first event; y_: the state there. The
   /// step is made anew each time, so the event lies on the method's own solution.
   double locate(double t, double h) {
-    double low = 0.0, high = h, f_low = first_.least(), f_high = guard_after(t, h);
-    int kept = 0;  // steps in which the same end stayed
-    for (int i = 0; i < 100 && high - low > 1e-15 * h && f_high < -nothing; ++i) {
-      double at = i % 8 == 7 ? 0.5 * (low + high) : low + (high - low) * f_low / (f_low - f_high);
-      if (!(at > low && at < high)) at = 0.5 * (low + high);
-      const double f = guard_after(t, at);
-      if (f < 0.0) {
-        high = at;
-        f_high = f;
-        if (kept == 1) f_low *= 0.5;
-        kept = 1;
-      } else {
-        low = at;
-        f_low = f;
-        if (kept == -1) f_high *= 0.5;
-        kept = -1;
-      }
+    Trial low{0.0, first_}, high{h, last_}, third{0.5 * h, middle_};
+    double made = -1.0, left = inf;  // left: of the guard after the trial before
+    for (int i = 0; i < 100 && high.at - low.at > 1e-15 * h && high.guards.least() < -nothing; ++i) {
+      made = left == inf && i > 0 ? -1.0 : crossing(low, high, third);
+      if (!(made > low.at && made < high.at)) made = 0.5 * (low.at + high.at);
+      const Guards now = guards_at(t, made);
+      const double f = std::abs(now.least());
+      // Where a trial has come no closer, the next one is in the middle.
+      left = f < 0.25 * (i == 0 ? std::min(std::abs(first_.least()), -last_.least()) : left) ? f : inf;
+      Trial& end = now.least() < 0.0 ? high : low;
+      third = std::exchange(end, {made, now});
     }
-    guard_after(t, high);
-    return high;
+    if (made != high.at) (void)guards_at(t, high.at);
+    return high.at;
   }
   static constexpr double nothing = 1e-13;  // of a guard
+  /// Where the first guard passes the middle of what is accepted: each by the inverse parabola through three
+  /// trials, or by a line. One that is nothing at the beginning, after its own event, by the line through its
+  /// quotients by time.
+  static double crossing(const Trial& low, const Trial& high, const Trial& third) {
+    double first = high.at;
+    for (std::size_t i = 0; i < high.guards.count; ++i) {
+      const auto value = [&](const Trial& trial) { return trial.guards.value[i] + 0.5 * nothing; };
+      const double a = value(low), b = value(high), c = value(third);
+      if (!(b < 0.0)) continue;
+      double at = low.at + (high.at - low.at) * a / (a - b);
+      if (low.at == 0.0 && a < 10.0 * nothing) {
+        at = third.at + (high.at - third.at) * c / (c - b * third.at / high.at);
+      } else {
+        const double parabola = low.at * b * c / ((a - b) * (a - c)) + high.at * a * c / ((b - a) * (b - c)) +
+                                third.at * a * b / ((c - a) * (c - b));
+        if (parabola > low.at && parabola < high.at) at = parabola;
+      }
+      first = std::min(first, at);
+    }
+    return first;
+  }
   /// Sets y_ to the state after h.
-  double guard_after(double t, double h) {
+  Guards guards_at(double t, double h) {
     y_ = before_;
     inner_.step(t, h, y_);
-    return system_.guards(t + h, y_).least();
+    return system_.guards(t + h, y_);
   }
 
   /// More events than can be told apart: small steps of moreau_jean to the end of the stretch.
@@ -220,7 +254,7 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
   MoreauJean<Sys, Plant> crowd_;
   Tolerance tolerance_;
   State before_{};
-  Guards first_;  // at before_
+  Guards first_, middle_, last_;  // at before_, about the middle of the step after it, and at its end
 };
 
 }  // namespace esmc::host

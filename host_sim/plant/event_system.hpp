@@ -90,12 +90,24 @@ class EventSystem : public LoadedSystem<Plant> {
     return g;
   }
 
-  /// Modes at the start of a stretch in which torques or loads may have jumped.
-  Guards begin(double t, State& y) {
+  /// Most that a guard, in the middle of a step over which the slope changed by `bend`, is off the mean of
+  /// the ends, over 1/8 of the step: joints are differences of two bars.
+  [[nodiscard]] double guard_change(const State& bend) const {
+    if (held_ > 0 || std::ranges::any_of(this->attached().drivetrain, &Drivetrain::has_play)) return inf;
+    double most = 0.0;
+    for (std::size_t i = 0; i < Base::work; ++i) most = std::max(most, std::abs(bend[i]));
+    return 2.0 * most;
+  }
+
+  /// Modes at the start of a stretch in which torques or loads may have jumped; `last`: the guards at y
+  /// before.
+  Guards begin(double t, State& y, const Guards& last) {
     if (!begun_) {
       begun_ = true;
       first_modes(y);
       settle(t, y);
+    } else if (held_ == 0 && last.least() >= 0.0) {
+      return last;  // of the state alone
     } else {
       const Guards now = guards(t, y);
       if (now.least() >= 0.0) return now;
@@ -174,6 +186,7 @@ class EventSystem : public LoadedSystem<Plant> {
     int moves = 0;    ///< direction that its friction acts against
     int touches = 0;  ///< its stop: -1 the lower, 1 the upper
     bool held = false;
+    void include(double angle) { stop = Stop{std::min(stop->lower, angle), std::max(stop->upper, angle)}; }
   };
 
   [[nodiscard]] Angles response(const Angles& angle, std::size_t j) const {
@@ -304,8 +317,7 @@ class EventSystem : public LoadedSystem<Plant> {
       m.touches = 0;
       m.moves = w[j] > 0.0 ? 1 : -1;
       if (m.stop) {  // a start beyond a rigid stop is one in contact
-        if (stiffness_ == 0.0)
-          m.stop = Stop{std::min(m.stop->lower, theta[j]), std::max(m.stop->upper, theta[j])};
+        if (stiffness_ == 0.0) m.include(theta[j]);
         for (const int side : {-1, 1})
           if (gap(j, side, theta[j]) <= 0.0) m.touches = side;
         if (stiffness_ == 0.0 && m.touches * w[j] < 0.0) m.touches = 0;  // it leaves
@@ -379,7 +391,11 @@ class EventSystem : public LoadedSystem<Plant> {
       if (way[j] == 0) continue;
       mode_[j].held = false;
       mode_[j].moves = way[j];
-      if (stiffness_ == 0.0 && mode_[j].touches == -way[j]) mode_[j].touches = 0, ++events_.contact;
+      if (stiffness_ == 0.0 && mode_[j].touches == -way[j]) {
+        mode_[j].touches = 0;
+        mode_[j].include(Plant::joint_angles(Base::angles(y))[j]);  // where it has rested, to the last bit
+        ++events_.contact;
+      }
       --held_;
       ++events_.slip;
     }

@@ -45,6 +45,7 @@ struct Resolution {
   Between between = Between::rk4;
   double tolerance = 0.0;     ///< of a step of dopri5, dopri8 and radau5, rad; 0: fixed steps
   double rebound_min = 1e-9;  ///< rad: a lower bounce off a rigid stop is the last one
+  int ticks = 1;              ///< per fixed step, in an open loop of which nothing is recorded
   bool operator==(const Resolution&) const = default;
 };
 
