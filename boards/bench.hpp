@@ -133,7 +133,7 @@ class MeasuredNode : public baked::Node {
  public:
   MeasuredNode(const baked::Node::Config& config, Stopwatch<T>& watch) : baked::Node(config), watch_(watch) {}
 
-  /// Receives as baked::Node; the time counts as waiting where no frame came.
+  /// Receives as baked::Node. A call that brings no recorded frame adds no time to any stage.
   void receive(LoopBackBus<T>& bus) {
     const auto before = watch_.spent;
     const std::uint32_t taken = bus.taken;

@@ -29,7 +29,8 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   return r.command;
 }
 
-/// Telemetry of a tick, SI units; the caller adds the error of a drive. `error` is zero except in running.
+/// Telemetry of a tick, SI units. `error`: desired minus actual effector, 0 except in running. `axis`: the
+/// encoder that contradicts the others, on loop_not_closed. The caller adds a drive's axis and error code.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {

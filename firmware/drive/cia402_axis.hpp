@@ -21,7 +21,8 @@ class Cia402Axis {
   Cia402Axis() = default;
   Cia402Axis(const AxisConfig& config, const Settings& settings) : config_(config), settings_(settings) {}
 
-  /// Counts the ages; once per tick, before the frames of the tick are received.
+  /// Counts the ages; once per tick, before its frames are received. After a tick without enable(), and with
+  /// controlword `disable voltage`, the next enable() starts anew.
   void begin_tick() {
     // Without enable() in the last tick the next enabling starts anew: the drive may have changed.
     if (!asking_ && control_ == 0) {
@@ -88,7 +89,7 @@ class Cia402Axis {
   [[nodiscard]] bool idle() const { return control_ == 0 && (quiet_ >= 2 || booted_); }
   [[nodiscard]] bool must_be_released() const {
     return release_pending_;
-  }                                                    ///< torque enabled, not idle() since
+  }                                                    ///< operation requested, not idle() or booted since
   [[nodiscard]] bool alive() const { return alive_; }  ///< a heartbeat, EMCY or SDO reply was received
   /// False: CiA 402 has no message for it; the drive's own input shows as a fault or a disabled drive.
   [[nodiscard]] bool emergency_stopped() const { return false; }

@@ -28,7 +28,7 @@ class OdriveAxis {
         silence_ticks_(retry_ticks > 0 ? retry_ticks : age_max),
         read_back_(version == Version::v0_6 ? table : OdriveTable{}) {}
   /// Requires a test of the watchdog before the axis is first ready, and after a possible restart: without
-  /// frames, at zero torque, it must expire within `ticks`. 0 (default): no test.
+  /// frames, at zero torque, it must expire within `ticks`, else config_mismatch(). 0 (default): no test.
   void prove_watchdog(std::uint32_t ticks) { watchdog_ticks_max_ = ticks; }
   /// Sets the silence, in ticks, after which the axis may have restarted: read-back and watchdog test are
   /// then repeated. Default and upper limit: `retry_ticks`.
@@ -47,7 +47,8 @@ class OdriveAxis {
     return is_for_all(f) ? to_all(f) : Received::not_mine;
   }
 
-  /// Counts the ages; once per tick, before the frames of the tick are received.
+  /// Counts the ages; once per tick, before its frames are received. An axis without a heartbeat for longer
+  /// than restarts_within() loses ready(), and repeats read-back and watchdog test.
   void begin_tick() {
     counted_ = reported_ = false;
     if (torque_age_ticks_ < age_max) ++torque_age_ticks_;

@@ -241,7 +241,8 @@ class FiveBar : public Coupling<S, PointMass<S>, Dyad<S>, 2> {
     return gather_on_base(p, w.template head<2>(), this->leg_torques(p, w));
   }
 
-  /// C^_a^T [w0; tau] [F25], N m: effector force w0 (N) and joint torques (N m) gathered on the base joints.
+  /// C^_a^T [w0; tau] [F25], N m: effector force w0 (N, in frame N) and torques tau[leg] of base and passive
+  /// joint (N m), gathered on the base joints. Not finite at type 2.
   [[nodiscard, gnu::always_inline]] Vec2<S> gather_on_base(const Pose& p, const Vec2<S>& w0,
                                                            const List<Vec2<S>, 2>& tau) const {
     Vec2<S> f = w0;  // force on the effector, the moments of the distal bars included

@@ -13,7 +13,7 @@ namespace esmc::hal {
 template <std::size_t Ports>
 class VirtualBus {
  public:
-  /// CanBus of one node. A frame is refused (bus_full) if a receiver already holds `capacity` frames.
+  /// CanBus of one node. If one receiver already holds `capacity` frames, no node gets the frame (bus_full).
   class Port {
    public:
     static constexpr std::size_t capacity = 256;

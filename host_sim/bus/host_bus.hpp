@@ -49,11 +49,13 @@ class HostBus {
     if (RecordedBus* r = recorded()) r->look();
   }
 
-  /// Whether the other end of a serial line is gone for good; false on an interface, which may come up again.
+  /// Whether the other end of a serial line is gone for good; false on a recording, and on an interface,
+  /// which may come up again.
   [[nodiscard]] bool gone() { return serial() && adapter().port().gone(); }
   /// Whether received bytes wait in the serial port, unknown to poll().
   [[nodiscard]] bool has_input() { return serial() && adapter().port().has_input(); }
-  /// Argument of poll(): input, and room for unsent bytes. Not for a recording: throws bad_variant_access.
+  /// Argument of poll(): input, and room for unsent bytes; descriptor -1, which poll() skips, once gone().
+  /// Not for a recording: throws bad_variant_access.
   [[nodiscard]] pollfd polled() {
     if (!serial()) return {std::get<hal::SocketCan>(bus_).descriptor(), POLLIN, 0};
     hal::SerialPort& p = adapter().port();

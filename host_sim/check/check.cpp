@@ -136,7 +136,7 @@ void judge_unattended(const Scene& scene, Findings& f) {
   f.add(watched ? Level::warning : Level::hint, Code::unattended, "reference.unattended", "{}",
         watched ? "the reference goes on when the console is gone: only faults, orders and the drives' own "
                   "safe torque off end it"
-                : "has no effect: without [command] and a timeout nobody watches the console");
+                : "has no effect: without [command] and command.timeout no sign of life is monitored");
 }
 
 /// The brake of homing is critically damped: a double pole at a tenth per tick. In a slow loop a weight gains

@@ -24,7 +24,8 @@ int run_margins(const RunOptions& o);
 /// Adds findings on limits and torques at the start and along the reference (margins.hpp), on gains and
 /// steps.
 void judge_motion(const Scene& scene, const Margins& start, const Margins& m, Findings& f);
-/// Adds hints at lengths, angles and steps that would make sense in another unit.
+/// Adds hints at lengths, mass centres, inertias and angles that look like another unit, and at a fixed step
+/// longer than 1.5 ticks.
 void judge_units(const Scene& scene, Findings& f);
 /// Adds findings on a linear law, or one with a layer, whose sampled loop is unstable at poses along the
 /// reference. None where the controller does not run there.

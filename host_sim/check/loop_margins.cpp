@@ -19,7 +19,7 @@ namespace {
 
 using MarginsJson = nlohmann::ordered_json;
 
-/// A pose at rest and what its loop bears. Empty margins: beyond the range that is searched.
+/// A pose at rest and its margins. Empty margins: beyond the range that is searched.
 struct LoopMargins {
   double t = 0.0;
   std::vector<double> q;

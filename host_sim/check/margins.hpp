@@ -78,8 +78,8 @@ Margins start_margins(const Scene& scene);
 /// m/s or rad/s, the state moves on with that.
 std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double least = 0.0);
 
-/// Delay from the instant of a tick to the effect of its torque, s: compute_delay and, with bit_timing, from
-/// sample to torque at worst, or as usual where that fits in a tick.
+/// Delay, s, from a tick to the effect of its torque: compute_delay plus, with bit_timing, the longest time
+/// on the bus from sample to torque (no bound: a tick); `usual`: the usual time, if less than a tick.
 [[nodiscard]] double torque_delay(const Scene& scene, bool usual = false);
 
 /// Columns of check.csv: what the reference asks of each joint and motor, tick by tick.

@@ -34,7 +34,8 @@ template <class M>
   return out;
 }
 
-/// Share of torque_limit that the effort `e` for w takes: the largest of two motors, or of four together.
+/// Largest torque of `e` by its torque_limit (1: at the limit), infinite where a torque is not finite. With
+/// c.allocate: w as a share of the largest multiple of w that the four motors can give together.
 template <class M>
 [[nodiscard]] double share_of_limits(const ControllerConfig<M>& c, const typename M::Pose& pose,
                                      const typename M::Channels& w, const Effort<M>& e) {

@@ -18,8 +18,8 @@ class Lu {
 
   [[nodiscard]] Matrix& matrix() { return m_; }  ///< to be set before factor()
 
-  /// Factors the leading n x n block, n <= capacity, in place. False: singular or not finite; solve must then
-  /// not be used.
+  /// Factors the leading n x n block, n <= capacity, in place. False: a pivot, or 1 / pivot, is 0 or not
+  /// finite; solve must then not be used. Another entry that is not finite may remain unnoticed.
   [[nodiscard]] bool factor(std::size_t n) {
     for (std::size_t k = 0; k < n; ++k) {
       std::size_t best = k;

@@ -14,7 +14,11 @@ namespace {
 
 using Seconds = std::chrono::duration<double>;
 
-double larger(const std::array<double, 2>& v) { return std::max(std::abs(v[0]), std::abs(v[1])); }
+/// NaN if one of them is.
+double larger(const std::array<double, 2>& v) {
+  const double a = std::abs(v[0]), b = std::abs(v[1]);
+  return b > a || std::isnan(b) ? b : a;
+}
 Vec2<double> vec(const std::array<double, 2>& v) { return {v[0], v[1]}; }
 std::array<double, 2> pair(const Vec2<double>& v) { return {v[0], v[1]}; }
 
@@ -52,7 +56,7 @@ SampleStream::SampleStream(Connection& connection, link::Space space, link::Spac
 std::optional<SpaceMotion> SampleStream::sample(const SpaceMotion& m, double share) const {
   std::optional<SpaceMotion> out = m;
   if (own_ != space_) out = in_other_space(*scene_, own_, m);
-  if (!out || larger(out->velocity) > share * speed_) return std::nullopt;
+  if (!out || !(larger(out->velocity) <= share * speed_)) return std::nullopt;
   const auto inside = [&](link::Space space, const std::array<double, 2>& at) {
     if (scene_ == nullptr) return true;  // the controller alone watches
     const auto& box = space == link::Space::effector ? scene_->limits.workspace : scene_->limits.joint_angle;

@@ -15,7 +15,7 @@ struct SpaceMotion {
   std::array<double, 2> position{}, velocity{};
 };
 /// A motion in space `from` as the mechanism that the controller of `scene` believes in makes it in the other
-/// space, base joints in (-pi, pi]. Empty: out of reach, or at a singularity.
+/// space and in the modes of `scene`; base joints in [-pi, pi]. Empty: out of reach, or at a singularity.
 std::optional<SpaceMotion> in_other_space(const Scene& scene, link::Space from, const SpaceMotion& motion);
 
 /// A stream of samples.

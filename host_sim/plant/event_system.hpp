@@ -150,7 +150,8 @@ class EventSystem : public LoadedSystem<Plant> {
     settle(t, y);
   }
 
-  // For a stretch that is left to moreau_jean, which has dry friction and rigid stops as its own.
+  // Frees held joints and removes this system's dry friction, for steps by moreau_jean, which has its own;
+  // restart() undoes it.
   void release() {
     held_ = 0;
     for (Mode& m : mode_) m.held = false, m.dry_here = 0.0;

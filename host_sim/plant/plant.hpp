@@ -196,7 +196,8 @@ class FiveBarPlantOf : public PlantTypes<S, 4, 4, 6> {
   [[nodiscard]] Angles response(const Angles& angle, const Joints& torque) const;
   /// Moves angles and rates onto the closure, along the shortest way in the mass metric.
   void project(Angles& angle, Angles& rate) const;
-  /// Effector for a load: the tip of leg 1, in N.
+  /// Where a load acts: the tip of leg 1, at angles and rates of the bars. Position (m) and rate (m/s) in
+  /// frame N, and the torque (N m) of each joint of leg 1 per force (N) on the tip.
   [[nodiscard]] EffectorPointOf<S> effector_point(const Angles& angle, const Angles& rate) const;
   [[nodiscard]] Output output(const State& s) const;
   [[nodiscard]] S kinetic_energy(const State& s) const;

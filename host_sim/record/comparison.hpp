@@ -74,7 +74,7 @@ class Comparison {
   [[nodiscard]] std::uint64_t lines(const std::string& name) const;
   /// Whether the run came to its end: summary() has been called.
   [[nodiscard]] bool complete() const { return complete_; }
-  [[nodiscard]] bool same_digest() const { return same_digest_; }
+  [[nodiscard]] bool same_digest() const { return same_digest_; }  ///< of both summaries; false before them
 
  private:
   std::string directory_;

@@ -36,7 +36,8 @@ inline std::vector<double> curvature_weights() {
   return w;
 }
 
-/// Second derivative of `at(row)` per row squared, rows 0 .. rows-1; 0 with less than n rows on a side.
+/// Second derivative of `at` at `row`, per row squared. `weights`: curvature_weights(), not checked. `at` has
+/// the rows 0 .. rows-1; 0 with less than n = derivative_half rows on a side.
 template <class At>
 double curvature(const std::vector<double>& weights, std::size_t rows, std::size_t row, At&& at) {
   if (row < derivative_half || row + derivative_half >= rows) return 0.0;

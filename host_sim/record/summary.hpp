@@ -17,6 +17,7 @@
 
 namespace esmc::host {
 
+/// Throws Diverged, which says that the state is not finite from time t, s, on.
 [[noreturn]] void throw_diverged(double t);
 /// Throws Diverged where a state at time t, s, has an entry that is not finite.
 inline void require_finite(std::span<const double> state, double t) {

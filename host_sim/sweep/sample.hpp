@@ -50,7 +50,7 @@ class Design {
   [[nodiscard]] std::uint64_t cases() const { return cases_; }
   [[nodiscard]] std::uint64_t samples() const { return samples_; }  ///< per point of the grid
   [[nodiscard]] const std::vector<Axis>& axes() const { return axes_; }
-  /// Index of the value of a listed axis in case `index`.
+  /// Place, 0 .. listed - 1, of the value of a listed axis in case `index`. Not checked: index < cases().
   [[nodiscard]] std::uint64_t chosen(std::uint64_t index, std::size_t axis) const;
   /// Value of a range axis in case `index`.
   [[nodiscard]] double value(std::uint64_t index, std::size_t axis) const;

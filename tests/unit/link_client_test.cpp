@@ -8,6 +8,8 @@
 #include <random>
 #include <string>
 
+#include "host_sim/operate/sample_stream.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "tests/support/link_bench.hpp"
 
 namespace esmc::test {
@@ -177,6 +179,19 @@ TEST(LinkClient, StopsWithoutAStatus) {
   EXPECT_EQ(bench.one(LinkClient(0x780).order(Order::off)), Outcome::obeyed);
   EXPECT_EQ(bench.one(LinkClient(0x780).order(Order::disarm)), Outcome::obeyed);
   EXPECT_NE(bench.one(LinkClient(0x780).order(Order::arm)), Outcome::obeyed);
+}
+
+/// Leg 2 stretched exactly: its base joint's rate is 0 / 0 even at rest.
+TEST(SampleStream, AStretchedSecondLegHasNoRateInTheOtherSpace) {
+  const host::Scene scene = host::read_scene_text(
+      std::string(host::starting_scene("five_bar")), "scene",
+      {"mechanism.half_base=0.0625", "mechanism.leg.l1=0.125", "mechanism.leg.l2=0.25"});
+  const auto there = [&](double x, double y) {
+    return host::in_other_space(scene, link::Space::effector, {{x, y}, {}}).has_value();
+  };
+  EXPECT_FALSE(there(0.3125, 0.0)) << "leg 2";
+  EXPECT_FALSE(there(-0.3125, 0.0)) << "leg 1";
+  EXPECT_TRUE(there(0.0, 0.25));
 }
 
 }  // namespace
