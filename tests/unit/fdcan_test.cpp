@@ -419,7 +419,7 @@ TYPED_TEST(Fdcan, FdFrames) {
 
 /// The producer is another thread: what the consumer sees is whole and in order.
 TEST(SpscRing, IsInOrderBetweenTwoThreads) {
-  constexpr std::uint32_t count = 200'000;
+  constexpr std::uint32_t count = 50'000;
   hal::SpscRing<std::array<std::uint32_t, 8>, 16> ring;
   std::thread producer([&] {
     for (std::uint32_t i = 0; i < count;) {
