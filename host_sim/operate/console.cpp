@@ -1,14 +1,12 @@
 #include "host_sim/operate/console.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
-#include <ranges>
 
 #include "host_sim/operate/capture.hpp"
 #include "host_sim/operate/status_text.hpp"
@@ -83,9 +81,11 @@ std::span<const Console::Command> Console::commands() {
 const Console::Command& Console::command_of(const Words& words) {
   const auto table = commands();
   const auto at = std::ranges::find_if(table, [&](const Command& c) { return words.front() == c.name; });
-  if (at == table.end())
-    refuse_at("", "there is no command '{}'; allowed are {}", printable(words.front()),
-              fmt::join(table | std::views::transform(&Command::name), ", "));
+  if (at == table.end()) {
+    std::string known;  // clang 14 does not take the views of this standard library
+    for (const Command& c : table) known += std::string(known.empty() ? "" : ", ") + c.name;
+    refuse_at("", "there is no command '{}'; allowed are {}", printable(words.front()), known);
+  }
   if (words.size() - 1 < at->least || words.size() - 1 > at->most)
     refuse_at("", "{} takes {}", at->name, *at->arguments == '\0' ? "no argument" : at->arguments);
   return *at;

@@ -1,13 +1,11 @@
 #include "host_sim/operate/points.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <toml++/toml.h>
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <ranges>
 #include <utility>
 
 #include "host_sim/error.hpp"
@@ -77,7 +75,8 @@ void Points::teach(const std::string& name, const Point& at) {
 
 const Points::Point& Points::at(const std::string& name) const {
   if (const auto found = points_.find(name); found != points_.end()) return found->second;
-  const auto known = fmt::format("{}", fmt::join(points_ | std::views::keys, ", "));
+  std::string known;
+  for (const auto& [n, p] : points_) known += (known.empty() ? "" : ", ") + n;
   refuse_at("", "there is no point '{}' in {}; taught are: {}", printable(name), file_,
             known.empty() ? "none" : known);
 }
