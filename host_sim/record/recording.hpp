@@ -30,7 +30,7 @@ std::vector<std::string_view> fields_of(std::string_view line);
 
 /// Throws InputError unless `file` is a regular file: a pipe would wait, a device would never end.
 void require_regular_file(const std::string& file);
-/// Its bytes. Throws InputError for what is no regular file, larger than 4 GiB, or cannot be read.
+/// Its bytes. Throws InputError unless it is a regular, readable file of at most 4 GiB.
 [[nodiscard]] std::string bytes_of(const std::string& file);
 
 /// Reads the columns `names` of a CSV with a header; their values must be finite. Every row must have as many
