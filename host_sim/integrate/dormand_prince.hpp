@@ -49,7 +49,10 @@ class DormandPrince : public Adaptive<Method, S> {
   void begin(double t, const State& y) { this->evaluate(t, y, this->first_); }
 
   void compute(double t, double h, State& y) {
+    static_assert(c[end - 1] == 1.0);
     stages(t, h, y);
+    copy_entries(this->size(), k_[0], this->before_);
+    copy_entries(this->size(), k_[end - 1], this->first_);  // c = 1, too: near enough for bend()
     this->system_->project(this->next_);
     copy_entries(this->size(), this->next_, y);
   }

@@ -260,7 +260,7 @@ class Search {
 
 std::uint32_t row_stride(const Scene& scene, std::uint32_t ticks) {
   if (scene.accuracy_of == AccuracyOf::trajectory) return 1;
-  return std::max(1U, ticks / 64U);
+  return std::max(1U, ticks / 16U);
 }
 
 AccuracyReport meet_accuracy(Scene& scene, std::size_t width, const RunPass& run) {

@@ -104,7 +104,7 @@ class SimRun {
     for (std::uint32_t n = 0, span = 1; n < ticks; n += span) {
       progress.at(n);
       // What is not recorded needs no ticks: the torque is a function of time.
-      if (!recording_) span = std::min({16U, stride_ - n % stride_, ticks - n});
+      if (!recording_) span = std::min({32U, stride_ - n % stride_, ticks - n});
       if (must_stop(options_, n)) {
         end.interrupted = true;
         return;
