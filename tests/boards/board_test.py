@@ -54,8 +54,11 @@ def qemu(elf, machine, serial, *more, icount=ICOUNT):
                              "-kernel", elf, "-serial", serial, *more], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-def build(root, board, esmc):
-    for step in (["cmake", "--preset", board, f"-DESMC_TOOL={esmc}", "-DESMC_BENCH=ON"], ["cmake", "--build", "--preset", board]):
+def build(root, board, esmc, other=None):
+    """other: a board with the same processor, built before."""
+    launcher = f"{Path(__file__).with_name('shared_objects.py')};{Path(root).resolve()}/build/{other}" if other else ""
+    for step in (["cmake", "--preset", board, f"-DESMC_TOOL={esmc}", "-DESMC_BENCH=ON", f"-DESMC_LAUNCHER={launcher}"],
+                 ["cmake", "--build", "--preset", board]):
         done = run(*step, cwd=root)
         if done.returncode != 0:
             print(done.stdout[-4000:], done.stderr[-4000:])
