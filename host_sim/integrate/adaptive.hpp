@@ -35,7 +35,8 @@ class Adaptive {
     length_ = h;
   }
 
-  /// Change of slope over the last step of step() or accepted one of advance(), from its end to its beginning.
+  /// Change of slope over the last step of step() or accepted one of advance(), from its end to its
+  /// beginning.
   [[nodiscard]] State bend() const {
     State out{};
     for (std::size_t i = 0; i < size(); ++i) out[i] = before_[i] - first_[i];

@@ -1,7 +1,7 @@
 // What `simulation.accuracy` costs against the best choice by hand: the cheapest integrator and step of 1, 2,
 // 5, ... per tick whose true error is within what was asked. Truth: the same scene asked for 1e-3 of that, at
-// least 1e-10; accuracy_promise judges that. Cost: ratio of CPU times, the median over interleaved runs in this
-// process: of 0.3 ms each, the least of either side would be that of whichever met a rare faster moment.
+// least 1e-10; accuracy_promise judges that. Cost: ratio of CPU times, the median over interleaved runs in
+// this process: of 0.3 ms each, the least of either side would be that of whichever met a rare faster moment.
 // usage: accuracy_cost smooth|events FIRST COUNT [SHOW]: scenes FIRST .. FIRST + COUNT - 1
 
 #include <algorithm>
