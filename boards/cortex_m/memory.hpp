@@ -8,6 +8,7 @@ extern std::uint32_t esmc_stack_top, esmc_hot_begin, esmc_hot_end, esmc_data_beg
     esmc_bss_begin, esmc_bss_end, esmc_stack_bottom;
 extern const std::uint32_t esmc_hot_image, esmc_data_image;
 
+/// The program of an image; startup calls it once after reset, with the memory set up.
 [[noreturn]] void esmc_main();
 /// The handler of interrupt ESMC_CAN_INTERRUPT, which board.cmake defines for boards that have one.
 void esmc_can_interrupt();

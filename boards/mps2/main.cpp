@@ -1,5 +1,5 @@
-/// The image of the emulated boards, in lockstep with `esmc plant`. Without hardware it arms by itself,
-/// unless the scene leaves that to a supervisor computer.
+/// The image of the emulated boards, in lockstep with `esmc plant`. It arms by itself at power-up, except
+/// after a crash and where the scene leaves that to a supervisor computer.
 
 #include "boards/capture.hpp"
 #include "boards/cortex_m/crash.hpp"

@@ -1,4 +1,5 @@
-/// The image of the emulated Cortex-R5F, in lockstep with `esmc plant`. Without hardware it arms by itself.
+/// The image of the emulated Cortex-R5F, in lockstep with `esmc plant`. It arms by itself at power-up, except
+/// after a crash, where it could not join the bus, and where the scene leaves that to a supervisor computer.
 
 #include "boards/cortex_m/crash.hpp"
 #include "boards/zcu102_rpu/board.hpp"
@@ -12,7 +13,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static baked::Node node(baked::config(1));
   const bool on_bus = board.start(baked::bitrate);
   // After a crash it stays disabled; the record remains in memory for a debugger.
-  if (on_bus && !crash_record.sealed()) node.command(Command::enable);
+  if (!baked::armed_by_link && on_bus && !crash_record.sealed()) node.command(Command::enable);
   LockstepLoop loop(node, board);
   for (;;) loop.turn();
 }

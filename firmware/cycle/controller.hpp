@@ -416,6 +416,8 @@ class Controller {
     return {v[Config::joint_of(0, 2)], v[Config::joint_of(1, 2)]};
   }
 
+  /// What guard() checks. `closure`: m, 0 without passive encoders; `angle`, `rate`: of the two base joints,
+  /// rad and rad/s.
   Measured<S> guarded(const typename M::Pose& pose, S closure, const Vec2<S>& angle,
                       const Vec2<S>& rate) const {
     Measured<S> m;

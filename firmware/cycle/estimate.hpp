@@ -47,7 +47,8 @@ template <class M, class S = typename M::Scalar>
 }
 
 /// From encoders on all joints (theta11, theta12, theta21, theta22; rad, rad/s), at type 2 too. The effector
-/// is the mean of the leg tips. Never fails: `closure` reports readings that contradict each other.
+/// is the mean of the leg tips. Never fails: `closure` reports readings that contradict each other, NaN after
+/// a NaN angle: test `closure <= limit`.
 template <class S>
 [[nodiscard, gnu::cold]] Estimate<FiveBar<S>> estimate_from_all(const FiveBar<S>& m, const Vec<S, 4>& angle,
                                                                 const Vec<S, 4>& rate) {

@@ -219,8 +219,8 @@ constexpr void put_query(hal::CanFrame& f, std::uint8_t node, bool stop) {
   b.pad();
 }
 
-/// Writes a torque command into f, 32 bytes: position mode without gains, the torque (N m at the output) as
-/// feedforward, the drive's limits. `check`: the torque is 0 instead, and the limits are read back.
+/// Writes a torque command into f, 32 bytes: position mode without gains, `torque` (N m at the output, not
+/// checked) as feedforward, and the limits. `check`: no torque instead, and the limits are read back.
 constexpr void put_torque(hal::CanFrame& f, std::uint8_t node, float torque, Limits l, bool check) {
   constexpr std::int32_t here = -128;  // NaN: the present position
   Builder b(f, reply_wanted | node);

@@ -19,9 +19,8 @@ std::string candump_line(std::int64_t time_us, const std::string& interface, con
 class FrameLog {
  public:
   FrameLog() = default;
-  /// Both files are closed at the end; null: nothing is written. `passage`: a row for each line of `file`,
-  /// for the replay of one end: number of the node's look at the bus, sent or received, age.
-  /// `fast_bit`: time of a bit of CAN FD data, in bit times.
+  /// Takes both files, null: not written. `bitrate`: bit/s, > 0. `fast_bit`: CAN FD data bit, in bit times.
+  /// `passage`: for the replay of one end, a row per frame: count of look(), 1 sent or 0 received, age_us.
   FrameLog(std::FILE* file, std::string interface, std::uint32_t bitrate, double fast_bit,
            std::FILE* passage = nullptr);
 

@@ -76,7 +76,8 @@ void judge_together(const Scene& s, const Margins& m, Findings& f) {
   }
 }
 
-/// What the drives cut, and jumps that no motor follows.
+/// Torque that saturation or heating of a drive cuts off, and jumps of the reference: of position an error,
+/// of speed a warning. `m`: along the reference.
 void judge_drives(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
     if (m.drive_short[i] == 0.0) continue;

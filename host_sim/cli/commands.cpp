@@ -158,6 +158,8 @@ complete -o default -F _esmc esmc
   return 0;
 }
 
+/// Throws InputError unless the scene stays within 60 % of the tick and of each memory of o.board and has
+/// its scalar type. The caller checks that o.board is a name in `boards`: neither empty nor unknown.
 void require_budget(const Scene& scene, const BakeOptions& o) {
   const Board* board = std::ranges::find(boards, o.board, [](const Board& b) { return std::string(b.name); });
   if (board->single_precision != o.run.single_precision)

@@ -81,7 +81,8 @@ class Worst {
     }
     return out;
   }
-  /// Calls f(C^T delta) with the corner that pushes most along each of eight directions, per gravity.
+  /// Calls f(C^T delta), believed less true, N or N m, for each gravity and eight directions: at the corner
+  /// that pushes most along it. Not all corners.
   template <class F>
   void each_push(const F& f) const {
     for (int g = 0; g < gravities_; ++g) {

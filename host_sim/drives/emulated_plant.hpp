@@ -113,7 +113,7 @@ class EmulatedPlant {
   /// or frames_at_once are read. Judge by answered().
   template <hal::CanBus Bus>
   void collect(Bus& bus) {
-    for (int n = 0; n < frames_at_once && !answered() && take(bus, [](const hal::CanFrame&) {}); ++n) {
+    for (int n = 0; n < frames_at_once && !answered() && take_frame(bus, [](const hal::CanFrame&) {}); ++n) {
     }
   }
   /// Reads the waiting frames, at most frames_at_once. Returns the number of commands to these drives.
@@ -123,7 +123,7 @@ class EmulatedPlant {
     const auto count = [&](const hal::CanFrame& f) {
       for (const SeatedAxis& a : axes_) commands += a.drive->commanded_by(f) ? 1 : 0;
     };
-    for (int n = 0; n < frames_at_once && take(bus, count); ++n) {
+    for (int n = 0; n < frames_at_once && take_frame(bus, count); ++n) {
     }
     return commands;
   }
@@ -180,8 +180,10 @@ class EmulatedPlant {
     return std::ranges::all_of(axes_,
                                [&](const SeatedAxis& a) { return !a.placed.motor || property(*a.drive); });
   }
+  /// Takes a frame from the bus: look(frame), then every drive receives it; a reply that the bus does not
+  /// take is lost. False: no frame waits.
   template <hal::CanBus Bus, class Look>
-  bool take(Bus& bus, const Look& look) {
+  bool take_frame(Bus& bus, const Look& look) {
     hal::CanFrame f;
     if (!bus.try_receive(f)) return false;
     look(f);

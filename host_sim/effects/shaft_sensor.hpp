@@ -51,7 +51,7 @@ class ShaftSensor {
   /// Resets as after a long motion at constant speed that has reached `truth`. Call before the first read().
   void settle(const ShaftReading& truth) {
     previous_ = truth;
-    position_ = measured(truth.position_rev);
+    position_ = raw_sample(truth.position_rev);
     velocity_ = truth.velocity_rev_s;
     ShaftReading last{observed_ ? position_ : truth.position_rev + bias_rev_, velocity_};
     waiting_.clear();
@@ -88,12 +88,14 @@ class ShaftSensor {
       const double angle = previous_.position_rev * w * w * (1.0 + 2.0 * u) +
                            truth.position_rev * u * u * (1.0 + 2.0 * w) +
                            period * u * w * (w * previous_.velocity_rev_s - u * truth.velocity_rev_s);
-      track(measured(angle));
+      track(raw_sample(angle));
     }
     previous_ = truth;
     return {position_, velocity_};
   }
-  [[nodiscard]] double measured(double rev) {
+  /// One sample at the true angle `rev`, turns: bias, noise (a new draw per call), rounded to counts. Without
+  /// the tracking loop and the delay.
+  [[nodiscard]] double raw_sample(double rev) {
     rev += bias_rev_;
     if (sigma_rev_ > 0.0) rev += sigma_rev_ * random_();
     return counts_per_rev_ > 0.0 ? std::round(rev * counts_per_rev_) / counts_per_rev_ : rev;

@@ -20,7 +20,8 @@ namespace {
 constexpr double inf = std::numeric_limits<double>::infinity();
 // Of what was asked over the difference of two passes equally good, or from a better one.
 constexpr double margin = 2.0, better = 1.25;
-constexpr int rk4 = static_cast<int>(Between::rk4), dopri8 = static_cast<int>(Between::dopri8);
+constexpr int rk4 = static_cast<int>(Between::rk4), dopri5 = static_cast<int>(Between::dopri5),
+              dopri8 = static_cast<int>(Between::dopri8);
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
 constexpr double most_rows = 2e7;
@@ -96,6 +97,11 @@ class Search {
       // The judge with twice the steps has up to 31 times the error of dopri5, and more than that of dopri8.
       judge_margin_ = !halved || order == rk4 ? margin : (events || order == dopri8 ? 1.0 : 0.25);
       if (at_tick(order, true, 1.0)) return true;
+      if (order != dopri5 || !last_ || (events && !halved)) continue;
+      // A better judge of this pass is cheaper than a recorded one of dopri8.
+      judge_.reset();
+      const Resolution finer{Between::dopri8, halved ? 0.0 : 1e-4 * asked_, rebound(), halved ? 2 : 1};
+      if (step(finer, false, better)) return true;
     }
     judge_.reset();
     return false;

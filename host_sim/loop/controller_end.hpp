@@ -66,37 +66,37 @@ class ControllerEnd {
         reports_(scene) {
     if (scene.command) {
       captured_.resize(static_cast<std::size_t>(std::clamp(captured_s * scene.rate_hz, 1.0, 16383.0)));
-      with([&](auto& c) { c.link().capture_into(captured_); });
+      with_cycle([&](auto& c) { c.link().capture_into(captured_); });
     }
-    if (!armed_by_link(scene)) with([](auto& c) { c.command(Command::enable); });
+    if (!armed_by_link(scene)) with_cycle([](auto& c) { c.command(Command::enable); });
   }
 
   [[nodiscard]] const Supervisor& supervisor() const {
-    return with([](const auto& c) -> const Supervisor& { return c.supervisor(); });
+    return with_cycle([](const auto& c) -> const Supervisor& { return c.supervisor(); });
   }
   /// The sliding surfaces of the controller, for the record.
   [[nodiscard]] std::vector<Surface> surfaces() const {
-    return with([&](const auto& c) { return surfaces_of<World>(scene_, c.controller().config()); });
+    return with_cycle([&](const auto& c) { return surfaces_of<World>(scene_, c.controller().config()); });
   }
   /// Measurements of the last tick.
   [[nodiscard]] const Sample<M>& sample() const {
     if constexpr (std::is_same_v<C, M>) {
-      return with([](const auto& c) -> const Sample<M>& { return c.sample(); });
+      return with_cycle([](const auto& c) -> const Sample<M>& { return c.sample(); });
     } else {
       return sample_;
     }
   }
   /// Whether any drive has sent a frame.
   [[nodiscard]] bool heard() const {
-    return with([](const auto& c) { return c.heard(); });
+    return with_cycle([](const auto& c) { return c.heard(); });
   }
   /// Whether any drive has sent a frame that is not of its protocol.
   [[nodiscard]] bool malformed() const {
-    return with([](const auto& c) { return c.counters().malformed > 0; });
+    return with_cycle([](const auto& c) { return c.counters().malformed > 0; });
   }
   /// Whether more frames came since the last tick than a tick may read.
   [[nodiscard]] bool overloaded() const {
-    return with([](const auto& c) { return c.overloaded(); });
+    return with_cycle([](const auto& c) { return c.overloaded(); });
   }
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
   /// The first fault since the start, with joint and node; empty: none.
@@ -138,11 +138,11 @@ class ControllerEnd {
   }
   /// Reads the waiting frames, for tick().
   void receive() {
-    with([&](auto& c) { c.receive(bus_); });
+    with_cycle([&](auto& c) { c.receive(bus_); });
   }
   /// One tick of the cycle. `answer`: it sends torque commands.
   void tick(bool answer) {
-    with([&](auto& c) {
+    with_cycle([&](auto& c) {
       if constexpr (std::is_same_v<C, M>) {
         result_ = c.tick(bus_, answer);
       } else {
@@ -160,26 +160,26 @@ class ControllerEnd {
   }
   /// Sets the lateness of the coming tick, s, for its record.
   void late_by(double seconds) {
-    with([&](auto& c) { c.late_by(static_cast<std::uint32_t>(std::clamp(1e6 * seconds, 0.0, 1e9))); });
+    with_cycle([&](auto& c) { c.late_by(static_cast<std::uint32_t>(std::clamp(1e6 * seconds, 0.0, 1e9))); });
   }
   /// Begins a tick in real time: reads the waiting frames and, where the drives sample on demand, requests
   /// samples and waits for them, no longer than `patience`.
   void sample(std::chrono::microseconds patience) {
     if constexpr (requires { bus_.look(); }) bus_.look();
     receive();
-    if (!with([](const auto& c) { return c.samples_on_demand; })) return;
-    with([&](auto& c) { c.request(bus_); });
+    if (!with_cycle([](const auto& c) { return c.samples_on_demand; })) return;
+    with_cycle([&](auto& c) { c.request(bus_); });
     const auto deadline = std::chrono::steady_clock::now() + patience;
     while (!receive_samples() && std::chrono::steady_clock::now() < deadline) (void)wait_for_frame(bus_, 0);
   }
   /// Repeats the request to arm, in a tick without torque commands.
   void request_arming() {
-    with([](auto& c) { c.ask_again(); });
+    with_cycle([](auto& c) { c.ask_again(); });
     tick(false);
   }
   /// Orders zero torque and idle drives, from the next tick on.
   void stop() {
-    with([](auto& c) { c.command(Command::stop); });
+    with_cycle([](auto& c) { c.command(Command::stop); });
   }
   /// Orders zero torque and idle drives and ticks until every drive reports idle, within
   /// drives.heartbeat_timeout (0.05 to 1 s). `next` waits for the next tick; false: there is none.
@@ -205,18 +205,19 @@ class ControllerEnd {
   static constexpr double captured_s = 2.0;  ///< the last ticks, kept for a console
   [[nodiscard]] bool at_rest() const {
     return (supervisor().state() == State::disabled || supervisor().state() == State::fault) &&
-           with([](const auto& c) { return c.all_idle(); });
+           with_cycle([](const auto& c) { return c.all_idle(); });
   }
   bool receive_samples() {
     receive();
-    return with([](const auto& c) { return c.complete() || c.overloaded(); });
+    return with_cycle([](const auto& c) { return c.complete() || c.overloaded(); });
   }
+  /// f(cycle): f takes the cycle of any protocol.
   template <class F>
-  decltype(auto) with(F&& f) {
+  decltype(auto) with_cycle(F&& f) {
     return std::visit(std::forward<F>(f), cycle_);
   }
   template <class F>
-  decltype(auto) with(F&& f) const {
+  decltype(auto) with_cycle(F&& f) const {
     return std::visit(std::forward<F>(f), cycle_);
   }
 

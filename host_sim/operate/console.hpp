@@ -92,7 +92,8 @@ class Console {
   [[noreturn]] void refuse(const char* reason, const std::string& what) const;
   /// To a set point; reports where it arrived. False: Ctrl-C has ended it.
   bool move_to(const std::array<double, 2>& to);
-  /// Gives an order that arms, as the sign of life from now on, and waits until `disabled` is left.
+  /// Gives an order that arms, now being the sign of life; returns when `disabled` is left, at a fault, at a
+  /// stop: the caller looks. Throws Refused (`refusal`) if not taken in 10 s, Interrupted if already stopped.
   void leave_disabled(link::Order order, const char* refusal);
   /// Arms with this source of motion and waits for `running`.
   void start(link::Source source);

@@ -22,8 +22,8 @@ class LineInput {
   /// Shows a text above the line that is being edited; no effect where there is no terminal.
   void notice(const std::string& text) const;
   [[nodiscard]] bool terminal() const { return terminal_; }
-  /// Whether standard input is open and nothing waits there. At a terminal a line that ends the wait is
-  /// dropped.
+  /// Whether standard input is open and nothing waits there; does not block. What waits is kept for line();
+  /// at a terminal it is dropped: the line that ends a jog is no command.
   bool silent();
 
  private:

@@ -85,7 +85,8 @@ void require_same_identity(Scene scene, std::uint32_t announced) {
       scene.file));
 }
 
-/// The orders that remove torque go out before anything is heard, three times: a frame may be lost.
+/// For "off" the order off, else disarm (to rest first, where configured). Goes out before anything is heard,
+/// so three times: a frame may be lost. `base`: base_id of the controller.
 void remove_torque(HostBus& bus, std::uint32_t base, const std::string& command) {
   const link::Order order = command == "off" ? link::Order::off : link::Order::disarm;
   LinkClient without_session(base);

@@ -68,9 +68,9 @@ class EventSystem : public LoadedSystem<Plant> {
     for (std::size_t j = 0; j < joints; ++j) torque[j] += contact_torque(j, theta[j]);
     this->mechanism_slope(angle, rate, torque, dy);
     if (held_ == 1) {
-      const Angles by = response(angle, held_joint());
+      const Angles by = response(angle, first_held());
       const double r =
-          -Plant::joint_rates(Base::rates(dy))[held_joint()] / Plant::joint_rates(by)[held_joint()];
+          -Plant::joint_rates(Base::rates(dy))[first_held()] / Plant::joint_rates(by)[first_held()];
       for (std::size_t i = 0; i < by.size(); ++i) dy[Base::positions + i] += r * by[i];
     }
   }
@@ -80,7 +80,7 @@ class EventSystem : public LoadedSystem<Plant> {
     if (held_ < 2) Base::project(y);
     if (held_ == 0) return;
     if (held_ > 1) return put_rates(y, Angles{});
-    bring_to_rest(held_joint(), y);
+    bring_to_rest(first_held(), y);
   }
 
   using Guards = GuardValues<6 * joints>;
@@ -196,7 +196,8 @@ class EventSystem : public LoadedSystem<Plant> {
     return this->plant().response(angle, unit);
   }
   static void put_rates(State& y, const Angles& rate) { Base::put(y, Base::angles(y), rate); }
-  [[nodiscard]] std::size_t held_joint() const {
+  /// Lowest joint that is held. Call only while held_ > 0: without one the result is 0, as for joint 0.
+  [[nodiscard]] std::size_t first_held() const {
     for (std::size_t j = 0; j < joints; ++j)
       if (mode_[j].held) return j;
     return 0;
@@ -242,7 +243,7 @@ class EventSystem : public LoadedSystem<Plant> {
         if (m.touches == side && stiffness_ > 0.0) f(rounding - g, Kind::stop, j, side);
       }
     }
-    if (held_ > 0) f(held_joints(t, y).reserve(rounding), Kind::held, held_joint(), 0);
+    if (held_ > 0) f(held_joints(t, y).reserve(rounding), Kind::held, first_held(), 0);
     for_each_play(y, [&](std::size_t k, auto contact) {
       for (const int side : {-1, 1}) {
         if (flank_[k] == 0) f(rounding - contact(side), Kind::flank, k, side);

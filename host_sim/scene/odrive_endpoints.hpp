@@ -29,6 +29,8 @@ struct OdriveValueName {
   const char* path;
   drive::odrive::ValueType type;
 };
+/// Every OdriveValue, in the order of the enumerator, which is the index: its path in the vendor's file (of
+/// axis 0) and its type.
 inline constexpr auto odrive_values = [] {
   using enum OdriveValue;
   using enum drive::odrive::ValueType;

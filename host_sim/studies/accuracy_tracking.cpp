@@ -67,8 +67,9 @@ double ns_per_step(const Scene& scene) {
   return 1e9 * (thread_cpu_s() - begin) / (ticks * substeps);
 }
 
-/// Least of nine measurements of each, taken in turns, so that a slow moment of the machine affects both.
-std::pair<double, double> paired_ns(const Scene& a, const Scene& b) {
+/// ns_per_step() of a and of b: the least of nine each, taken in turns, so that a slow moment of the machine
+/// affects both.
+std::pair<double, double> paired_ns_per_step(const Scene& a, const Scene& b) {
   std::pair<double, double> best{1e300, 1e300};
   for (int k = 0; k < 9; ++k) {
     best.first = std::min(best.first, ns_per_step(a));
@@ -151,7 +152,7 @@ Json effect_study(const std::function<void()>& after_run) {
       deviation = std::max(deviation, std::hypot(d.x, d.y));
     }
     after_run();
-    const auto [ns_with, ns_without] = paired_ns(with, without);
+    const auto [ns_with, ns_without] = paired_ns_per_step(with, without);
     out.push_back({{"effect", n.type},
                    {"parameters", n.parameters},
                    {"integrator", name(effect.end.method)},

@@ -37,6 +37,8 @@ std::vector<int> counts_for(const Scene& s) {
   return out;
 }
 
+/// The scene with this method and fixed step; s.step > 0, s: here 0 does not stand for the scene's own.
+/// Without `accuracy`, which would choose the steps.
 Scene with_stepping(Scene scene, const Stepping& s) {
   scene.method = s.method;
   scene.step = s.step;

@@ -57,7 +57,7 @@ class Design {
 
  private:
   [[nodiscard]] std::uint64_t crossed_point(std::uint64_t index, std::size_t axis) const;
-  /// In [0, 1).
+  /// Place of the sample of case `index` on a sampled axis, in [0, 1); the same at every point of the grid.
   [[nodiscard]] double sampled(std::uint64_t index, std::size_t axis) const;
 
   Sampling method_ = Sampling::grid;
