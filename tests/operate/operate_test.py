@@ -709,7 +709,7 @@ def three_at_a_time(arguments):
                                                           stderr=subprocess.STDOUT, check=False), names))
     failed = [name for name, done in zip(names, ended) if done.returncode]
     print(*(done.stdout for done in ended), f"{len(names)} cases, {len(failed)} failed: {failed}", sep="\n")
-    return 1 if failed or len(names) < 20 else 0
+    return 1 if failed or len(names) < 15 else 0
 
 
 if __name__ == "__main__":
