@@ -97,10 +97,10 @@ class Search {
       // The judge with twice the steps has up to 31 times the error of dopri5, and more than that of dopri8.
       judge_margin_ = !halved || order == rk4 ? margin : (events || order == dopri8 ? 1.0 : 0.25);
       if (at_tick(order, true, 1.0)) return true;
-      if (order != dopri5 || !last_ || (events && !halved)) continue;
+      if (order != dopri5 || !last_ || !halved) continue;
       // A better judge of this pass is cheaper than a recorded one of dopri8.
       judge_.reset();
-      const Resolution finer{Between::dopri8, halved ? 0.0 : 1e-4 * asked_, rebound(), halved ? 2 : 1};
+      const Resolution finer{Between::dopri8, 0.0, rebound(), 2};
       if (step(finer, false, better)) return true;
     }
     judge_.reset();
