@@ -24,7 +24,7 @@ struct Knot {
 
 /// As of Quintic::at(), but t, s, must be in [0, duration]: it is not clamped. The velocity is left zero,
 /// because fit_quintics() does not compare it.
-[[nodiscard]] inline Motion2<double> position_and_acceleration(const Quintic<double>& q, double t) {
+[[nodiscard]] inline Motion2<double> motion_at(const Quintic<double>& q, double t) {
   const double pace = 1.0 / q.duration, u = t * pace;
   const auto& c = q.c;
   return {c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * u) * u) * u) * u) * u,
@@ -79,10 +79,8 @@ template <class K, class F>
     double worst = 1.0;
     std::size_t split = i;
     for (std::size_t k = i; k < j; ++k) {
-      double here =
-          error(position_and_acceleration(q, 0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
-      if (k > i)
-        here = std::max(here, error(position_and_acceleration(q, nodes[k].t - begin), nodes[k].at.after));
+      double here = error(motion_at(q, 0.5 * (nodes[k].t + nodes[k + 1].t) - begin), nodes[k].middle);
+      if (k > i) here = std::max(here, error(motion_at(q, nodes[k].t - begin), nodes[k].at.after));
       if (here > worst) {
         worst = here;
         split = std::clamp(k, i + 1, std::max(i + 1, j - 1));
