@@ -35,8 +35,8 @@ class Adaptive {
     length_ = h;
   }
 
-  /// Change of slope over the last step of step() or accepted one of advance(), from its end to its
-  /// beginning.
+  /// Change of slope over the last accepted step of advance(), of Dormand and Prince also of step(), from its
+  /// end to its beginning.
   [[nodiscard]] State bend() const {
     State out{};
     for (std::size_t i = 0; i < size(); ++i) out[i] = before_[i] - first_[i];
@@ -105,7 +105,7 @@ class Adaptive {
 
   const S* system_;
   State first_{};        ///< slope at the current state
-  State before_{};       ///< slope before the last step of step() or accepted one of advance()
+  State before_{};       ///< slope at the beginning of the step of bend()
   State next_{};         ///< state after the step in hand
   double length_ = 0.0;  ///< of the last accepted step
   long slopes_ = 0;

@@ -117,6 +117,27 @@ TEST(Integrators, RadauMatrixIsCollocation) {
   }
 }
 
+/// Where events look for a dip inside a step: the cubic through both ends and their slopes.
+template <class M>
+void expect_the_middle_of_a_step() {
+  const Kepler kepler;
+  M method(kepler);
+  auto y = kepler.start();
+  for (int i = 0; i < 3; ++i) {
+    const double h = 0.02;
+    auto middle = y;
+    method.step(i * h, h, y);
+    const auto bend = method.bend();
+    for (std::size_t k = 0; k < 4; ++k) middle[k] = 0.5 * (middle[k] + y[k]) + 0.125 * h * bend[k];
+    EXPECT_LT(kepler.error((i + 0.5) * h, middle), 1e-6) << M::name << ' ' << i;
+  }
+}
+TEST(Integrators, BendGivesTheMiddleOfAStep) {
+  expect_the_middle_of_a_step<Rk4<Kepler>>();
+  expect_the_middle_of_a_step<Dopri5<Kepler>>();
+  expect_the_middle_of_a_step<Dopri8<Kepler>>();
+}
+
 TEST(Integrators, StepsBackUndoStepsForward) {
   const Kepler kepler;
   Dopri8<Kepler> method(kepler);
