@@ -232,7 +232,6 @@ class Follower {
     if (most) {
       out_.share = share;
       out_.share_t = t;
-      out_.share_tick = n;
       out_.share_torque.clear();
     }
     bool short_of = !(share <= 1.0);

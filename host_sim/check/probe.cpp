@@ -9,7 +9,6 @@
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/plant/system.hpp"
-#include "host_sim/record/verdict.hpp"
 
 namespace esmc::host {
 namespace {
@@ -65,55 +64,110 @@ double mean_change(const Scene& s, const Trace& t, const Stretch& over) {
 }
 
 /// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
-ProbePart run_part(const Scene& s, std::uint32_t begins, bool typical) {
+ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   const Trace t = probe(s);
-  ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .typical = typical};
+  const bool whole = kind == ProbePart::Kind::slow;
+  ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .rate_hz = s.rate_hz, .kind = kind};
   if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
   std::size_t ran = t.saturated.size();
   if (const auto fault = t.statistics.fault_time())
     ran = static_cast<std::size_t>(std::llround(*fault * s.rate_hz));
   const std::size_t first = std::max<std::size_t>(1, ran * 2 / 5), second = std::max(first, ran * 7 / 10);
   const Stretch before{first, second}, last{second, std::max(ran, second)};
+  const Stretch counted = whole ? Stretch{0, t.saturated.size()} : last;
   out.change = mean_change(s, t, last);
   const double earlier = mean_change(s, t, before);
   if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
-  for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
+  for (std::size_t n = counted.from; n < counted.to; ++n)
+    out.saturated += t.saturated[n] ? 1.0 / counted.size() : 0.0;
   out.error = t.statistics.sums().effector.all().largest;
-  // A step that a scene leaves to the program is not its own.
-  if (!std::isfinite(t.end.q.front()) && (!s.whole || !s.whole->accuracy))
+  // A step that a scene leaves to the program is not its own, and neither is a lower rate.
+  if (!whole && !std::isfinite(t.end.q.front()) && (!s.whole || !s.whole->accuracy))
     out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
   return out;
+}
+
+constexpr double steepest = 0.5;  ///< lambda times a tick at the lower rate, at most
+
+/// The scene from its start, its ticks up to 20 times as long: for what takes longer than a part. Without
+/// what only a fast loop shows: delays, observers, gears; with the gains that such a loop bears.
+Scene slowed(const Scene& scene) {
+  constexpr double longest = 20.0;
+  Scene s = scene;
+  s.whole = std::make_shared<const Scene>(scene);
+  s.rate_hz = scene.rate_hz / std::clamp(scene.duration * scene.rate_hz / slow_ticks, 1.0, longest);
+  s.duration = slow_ticks * s.tick();
+  std::erase_if(s.effects, [](const Effect& e) {
+    return acts_on_bus(e) || std::holds_alternative<Encoder>(e) || std::holds_alternative<SensorNoise>(e) ||
+           std::holds_alternative<SensorDelay>(e) || std::holds_alternative<ComputeDelay>(e) ||
+           std::holds_alternative<Jitter>(e) || std::holds_alternative<TorqueLag>(e) ||
+           std::holds_alternative<JointFlexibility>(e) || std::holds_alternative<Backlash>(e);
+  });
+  s.delay_ticks.reset();
+  s.sensor_lag_ticks = 0.0;
+  s.predictor = false;
+  s.limits.feedback_jump = 0.0;  // a prediction by the rate says nothing over so long a tick
+  s.disturbance_observer = std::min(s.disturbance_observer, 0.3 * s.rate_hz);
+  for (double* lambda : {&s.lambda.position, &s.lambda.angle})
+    *lambda = std::min(*lambda, steepest * s.rate_hz);
+  if (s.sliding() && s.reaching != ReachingChoice::super_twisting) s.reaching = ReachingChoice::implicit;
+  if (s.accuracy) {
+    s.method = Method::rk4;
+    s.accuracy.reset();
+  }
+  return s;
 }
 
 }  // namespace
 
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
+  using enum ProbePart::Kind;
   const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
   const bool all = last <= join + probe_ticks;
-  // The start, where the controller looks along the join; where the torque is largest; and what is typical.
-  constexpr std::uint32_t worst = 40, before = 20, others = 4;
-  const std::uint32_t start = m.off_reference ? 20 + worst : 20, each = (probe_ticks - 20 - worst) / others;
+  constexpr std::uint32_t start = 20, places = 3, each = (probe_ticks - start - slow_ticks) / places;
   Scene first = scene;
   first.whole = std::make_shared<const Scene>(scene);
-  first.duration = (all ? std::min(last, probe_ticks) : start) * scene.tick();
-  std::vector<ProbePart> out{run_part(first, 0, all)};
+  // Where the start is far off, the way onto the reference says more than all of it at a lower rate.
+  first.duration = (all               ? std::min(last, probe_ticks)
+                    : m.off_reference ? start + slow_ticks
+                                      : start) *
+                   scene.tick();
+  std::vector<ProbePart> out{run_part(first, 0, all ? typical : begin)};
   if (all) return out;
+  if (!m.off_reference) out.push_back(run_part(slowed(scene), 0, slow));
   // From a push a good loop recovers, with the torque that the reference leaves.
   const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
-  const auto add = [&](std::uint32_t at, std::uint32_t ticks, bool typical) {
-    auto from = moment_at(scene, std::clamp(at, join + 1, last - ticks), typical ? m.tick_speed : 0.0);
-    if (!from) return;
-    for (double& rate : from->rate) rate *= typical ? push : 1.0;
-    out.push_back(run_part(part_of(scene, *from, ticks), from->tick, typical));
-  };
-  if (!m.off_reference) add(m.share_tick > before ? m.share_tick - before : 0, worst, false);
-  for (std::uint32_t i = 0; i < others; ++i)
-    add(join + static_cast<std::uint32_t>((2 * i + 1) * std::uint64_t{last - join} / (2 * others)), each,
-        true);
+  for (std::uint32_t i = 0; i < places; ++i) {
+    const std::uint32_t at =
+        join + static_cast<std::uint32_t>((2 * i + 1) * std::uint64_t{last - join} / (2 * places));
+    auto from = moment_at(scene, std::clamp(at, join + 1, last - each), m.tick_speed);
+    if (!from) continue;
+    for (double& rate : from->rate) rate *= push;
+    out.push_back(run_part(part_of(scene, *from, each), from->tick, typical));
+  }
   return out;
 }
 
 namespace {
+
+/// The scene as it ran at a lower rate; null: it did not, or that rate made it ring and says nothing.
+const ProbePart* slow_run(const std::vector<ProbePart>& parts) {
+  constexpr double smooth = 0.1;
+  const auto it = std::ranges::find(parts, ProbePart::Kind::slow, &ProbePart::kind);
+  return it != parts.end() && it->change < smooth ? &*it : nullptr;
+}
+
+void judge_join(const Scene& scene, const Margins& m, Findings& f) {
+  // At rest onto a moving reference, a join of T seconds at speed v runs up over about 0.2 v T.
+  const double join = scene.reference.join.value_or(0.0);
+  f.error(Code::limit_crossed, "reference.join",
+          "the way onto the reference in reference.join = {:g} s takes more than the limits "
+          "(join_infeasible): {}",
+          join,
+          0.2 * m.start_speed * join > m.start_off
+              ? "the run-up for the reference's speed grows with it; a shorter one, or 0"
+              : "a longer one, or a start nearer to the reference");
+}
 
 /// Parts that a fault ends, or whose integration does not hold.
 void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
@@ -125,64 +179,89 @@ void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePar
             lost->t, *lost->diverged, scene.step,
             set_valued(scene.effects) ? "" : ", integrator = \"radau5\"");
   }
+  const ProbePart* slow = slow_run(parts);
   for (const ProbePart& p : parts) {
-    if (p.fault.empty() || f.refused()) continue;
+    if (p.fault.empty() || (p.kind == ProbePart::Kind::slow && &p != slow)) continue;
     if (p.fault == name(Fault::join_infeasible)) {
-      // At rest onto a moving reference, a join of T seconds at speed v runs up over about 0.2 v T.
-      const double join = scene.reference.join.value_or(0.0);
-      f.error(Code::limit_crossed, "reference.join",
-              "the way onto the reference in reference.join = {:g} s takes more than the limits "
-              "(join_infeasible): {}",
-              join,
-              0.2 * m.start_speed * join > m.start_off
-                  ? "the run-up for the reference's speed grows with it; a shorter one, or 0"
-                  : "a longer one, or a start nearer to the reference");
-      continue;
+      if (!f.has(Code::limit_crossed)) judge_join(scene, m, f);
+    } else if (!f.refused()) {
+      f.error(Code::limit_crossed, m.off_reference ? "reference.join" : "limits",
+              "simulated from t = {:.3f} s{}, the loop ends in the fault {}{}", p.t,
+              &p == slow ? fmt::format(" at {:.3g} Hz", p.rate_hz) : "", p.fault,
+              m.off_reference ? ": reference.join (s) leads onto the reference" : "");
     }
-    f.error(Code::limit_crossed, m.off_reference ? "reference.join" : "limits",
-            "simulated from t = {:.3f} s, the loop ends in the fault {}{}", p.t, p.fault,
-            m.off_reference ? ": reference.join (s) leads onto the reference" : "");
   }
+}
+
+/// What takes longer than a part, only where it is far beyond what the lower rate itself may do.
+void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
+  const ProbePart* slow = slow_run(parts);
+  if (slow == nullptr || !slow->fault.empty()) return;
+  if (slow->saturated > 0.75 && !f.refused_for(Code::torque_exceeded)) {
+    f.error(Code::torque_exceeded, "control.torque_limit",
+            "simulated at {:.3g} Hz, for what takes long, the motors are saturated in {:.0f} % of the ticks",
+            slow->rate_hz, 100.0 * slow->saturated);
+  }
+  const bool own_gains = std::max(scene.lambda.position, scene.lambda.angle) <= steepest * slow->rate_hz;
+  if (own_gains && !scene.sliding() && m.path() > 0.0 && slow->error > m.path() &&
+      !f.has(Code::not_followed)) {
+    f.warning(Code::not_followed, "control",
+              "simulated at {:.3g} Hz, for what takes long, the effector leaves the reference by {:.3g} mm, "
+              "{:.0f} % of the path",
+              slow->rate_hz, 1e3 * slow->error, 100.0 * slow->error / m.path());
+  }
+}
+
+/// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
+/// are typical. What dies away in all of them is spread over the ticks of the run.
+double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t ticks) {
+  const auto count = static_cast<double>(parts.size());
+  double change = 0.0, rate = 0.0, spread = 0.0;
+  for (const ProbePart* p : parts) {
+    change += p->change / count;
+    rate += std::log(p->growth) / count;
+  }
+  for (const ProbePart* p : parts) spread += std::pow(std::log(p->growth) - rate, 2);
+  const double error = count > 1.0 ? std::sqrt(spread / (count - 1.0) / count) : 0.0;
+  return rate + 3.0 * error < -0.01 ? std::min(change, change / (-std::expm1(rate) * ticks)) : change;
 }
 
 }  // namespace
 
+std::optional<double> slow_saturation(const Margins& m, const std::vector<ProbePart>& parts) {
+  const ProbePart* slow = slow_run(parts);
+  const bool follows = slow != nullptr && slow->fault.empty() && slow->error < m.path();
+  return follows ? std::optional(slow->saturated) : std::nullopt;
+}
+
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   // Of a mean of few ticks less than the limit may be the limit.
-  constexpr double ringing = 0.05, dying = 0.98;
+  constexpr double ringing = 0.05;
   // Where the reference takes nearly all the torque, the way onto it may saturate for longer than a part.
   const double half = m.share > 0.95 ? 0.9 : 0.4;
-  double saturated = 0.0, change = 0.0, count = 0.0, ticks = 0.0;
-  const ProbePart* rings = nullptr;
+  double saturated = 0.0, ticks = 0.0;
+  std::vector<const ProbePart*> typical;
   for (const ProbePart& p : parts) {
-    ticks += p.ticks;
-    if (!p.typical) continue;
-    ++count;
-    saturated += p.saturated;
-    // What dies away is spread over the ticks of the whole run.
-    change += p.growth > dying ? p.change : std::min(p.change, p.change / ((1.0 - p.growth) * m.ticks));
-    if (rings == nullptr || p.change > rings->change) rings = &p;
+    if (p.kind != ProbePart::Kind::slow) ticks += p.ticks;
+    if (p.kind == ProbePart::Kind::typical) typical.push_back(&p);
   }
-  if (rings != nullptr && change > ringing * count && !f.has(Code::loop_rings)) {
+  if (typical.empty()) return judge_ends(scene, m, parts, f);
+  for (const ProbePart* p : typical) saturated += p->saturated / static_cast<double>(typical.size());
+  const double change = change_of_run(typical, m.ticks);
+  if (change > ringing && !f.has(Code::loop_rings)) {
+    const ProbePart* rings = *std::ranges::max_element(typical, {}, &ProbePart::change);
     f.error(Code::loop_rings, "control",
             "simulated for {} ticks, the loop rings: from tick to tick the torque changes by {:.2g} % of "
             "torque_limit, most from t = {:.3f} s on",
-            ticks, 100.0 * change / count, rings->t);
+            ticks, 100.0 * change, rings->t);
   }
-  if (saturated > half * count && !f.refused_for(Code::torque_exceeded)) {
+  if (saturated > half && !f.refused_for(Code::torque_exceeded)) {
     f.error(Code::torque_exceeded, "control.torque_limit",
-            "simulated for {} ticks in {:g} places, the motors are saturated in {:.0f} % of the last third",
-            ticks, count, 100.0 * saturated / count);
+            "simulated for {} ticks in {} places, the motors are saturated in {:.0f} % of the last third",
+            ticks, typical.size(), 100.0 * saturated);
   }
+  judge_slow(scene, m, parts, f);
   judge_ends(scene, m, parts, f);
-  const double path = m.path();
-  if (f.refused() || f.has(Code::not_followed) || parts.size() < 2 || !(path > 0.0) ||
-      parts[1].error <= error_share * path)
-    return;
-  f.warning(Code::not_followed, "control",
-            "simulated for {} ticks from t = {:.3f} s on the reference, the effector leaves it by {:.3g} mm, "
-            "{:.0f} % of the path",
-            parts[1].ticks, parts[1].t, 1e3 * parts[1].error, 100.0 * parts[1].error / path);
 }
 
 }  // namespace esmc::host

@@ -14,24 +14,34 @@
 namespace esmc::host {
 
 inline constexpr std::uint32_t probe_ticks = 200;  ///< at most, of all parts together
+inline constexpr std::uint32_t slow_ticks = 80;    ///< of them, of the scene at a lower rate
 
-/// A part of a scene as it ran from a state on its reference.
+/// A part of a scene as it ran.
 struct ProbePart {
+  enum class Kind {
+    begin,    ///< the start of the scene
+    slow,     ///< from the start, at a lower rate
+    typical,  ///< from a state on the reference; the mean of these parts is that of the run
+  };
   double t = 0.0;  ///< s, where it begins
   std::uint32_t ticks = 0;
-  bool typical = true;               ///< one of those whose mean is that of the run
+  double rate_hz = 0.0;
+  Kind kind = Kind::typical;
   double change = 0.0;               ///< mean change of torque per tick, as share of torque_limit, at the end
   double growth = 1.0;               ///< of that change per tick
-  double saturated = 0.0;            ///< share of the ticks at the end
+  double saturated = 0.0;            ///< share of the ticks at the end; `slow`: of all ticks
   double error = 0.0;                ///< m, largest of the effector
   std::string fault{};               ///< that ended it; empty: none
   std::optional<double> diverged{};  ///< s, from when on the state was not finite
 };
 
-/// Runs at most probe_ticks of a closed loop: its start, from where the torque is largest, and four places
-/// along the reference; a scene that is no longer than that as a whole. Of a start off the reference more is
-/// run, and nothing where the torque is largest.
+/// Runs at most probe_ticks of a closed loop: its start, the scene at a lower rate (for what takes longer
+/// than these ticks), and three places along the reference; a scene that is no longer than that as a whole.
+/// Of a start off the reference more is run, and nothing at a lower rate.
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m);
+/// Share of the ticks in which the motors were saturated at the lower rate; empty: that run says nothing of
+/// it, for it rang, met a fault or lost its reference.
+std::optional<double> slow_saturation(const Margins& m, const std::vector<ProbePart>& parts);
 /// Adds findings on the loop as it ran.
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f);
 

@@ -231,11 +231,15 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   ControllerConfig<M> c = controller_without_design<M>(scene, pacing, reference);
   if (!scene.robust_gain) return c;
   using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
-  const Gains<Designed> d = robust_gains<Designed>(scene.whole ? *scene.whole : scene, pacing).gains;
+  const Scene& whole = scene.whole ? *scene.whole : scene;
+  const Gains<Designed> d = robust_gains<Designed>(whole, pacing).gains;
+  // The layer of the implicit law counts ticks, and a part may run at a lower rate.
+  const auto ticks = [&](const Scene& s) { return implicit_layer(1.0, s.tick(), borne_delay(s, pacing)); };
+  const double longer = ticks(scene) / ticks(whole);
   c.gains.k = d.k.template cast<S>();
-  c.gains.layer = d.layer.template cast<S>();
+  c.gains.layer = (d.layer * longer).template cast<S>();
   c.gains.independent.k = static_cast<S>(d.independent.k);
-  c.gains.independent.layer = static_cast<S>(d.independent.layer);
+  c.gains.independent.layer = static_cast<S>(d.independent.layer * longer);
   return c;
 }
 

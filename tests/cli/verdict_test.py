@@ -100,6 +100,23 @@ class Verdicts(unittest.TestCase):
                        ["control.law=ctc", "control.lambda=600", 'effects=[{type="encoder", bits=16}]']):
             self.judged([join, "simulation.duration=1.5", *values], "error", "loop_rings")
 
+    def test_what_takes_longer_than_a_part_is_simulated_at_a_lower_rate(self):
+        """A law too weak for the weight: the mechanism sinks into a singularity within half a second."""
+        weak = ("reference.join=0.3", "control.law=pd", "control.kp=2", "control.kd=0.1")
+        self.assertIn("FAULT: type2_singularity", esmc("sim", self.circle, *sets(*weak)).stdout)
+        self.judged(weak, "error", "limit_crossed", where="limits")
+        slow = [p for p in self.check(self.circle, *weak)["simulated"] if p["rate_hz"] < 1000]
+        self.assertEqual([(p["ticks"], p["rate_hz"], p["fault"]) for p in slow], [(80, 50, "type2_singularity")])
+        # Another weak one asks for less than the reference takes, but only because it loses it: no reason to call it fit.
+        weak = ("reference.join=0.3", "control.law=ctc", "control.lambda=20", "control.model={m1=0.4, m2=0.4, J1=0.4, J2=0.4}", "control.torque_limit=0.4")
+        self.judged(weak, "error", "torque_exceeded", where="control.torque_limit")
+        self.judged(weak, "warning", "not_followed", where="control")
+
+    def test_a_part_never_has_more_than_200_ticks_together(self):
+        for values in ([], ["reference.join=0.3"], ["reference.join=0", "simulation.duration=0.3"], ["simulation.duration=60"],
+                       ["reference.join=0", "initial.position=[0.02, 0.2]"]):
+            self.assertLessEqual(sum(p["ticks"] for p in self.check(self.circle, *values)["simulated"]), 200, values)
+
     def test_a_loop_that_grows_slowly_is_unfit(self):
         """200 ticks are too few to see it."""
         slow = ("reference.join=0.3", "reference.speed=3", "control.law=pd", "control.kp=50", "control.torque_limit=5",

@@ -158,7 +158,7 @@ def wanted(does):
     if does["diverged"]:
         return {"loop_rings", "torque_exceeded", "limit_crossed"}
     want = {code for code, bad in (("loop_rings", does["change"] > 0.05), ("torque_exceeded", does["saturated"] > 0.5)) if bad}
-    return want or ({"limit_crossed", "torque_exceeded"} if does["fault"] else set())
+    return want | ({"limit_crossed", "torque_exceeded"} if does["fault"] else set())
 
 
 def main():
