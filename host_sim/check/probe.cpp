@@ -81,21 +81,31 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   for (std::size_t n = counted.from; n < counted.to; ++n)
     out.saturated += t.saturated[n] ? 1.0 / counted.size() : 0.0;
   out.error = t.statistics.sums().effector.all().largest;
-  // A step that a scene leaves to the program is not its own, and neither is a lower rate.
-  if (!whole && !std::isfinite(t.end.q.front()) && (!s.whole || !s.whole->accuracy))
+  if (!std::isfinite(t.end.q.front()))
     out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
   return out;
 }
 
 constexpr double steepest = 0.5;  ///< lambda times a tick at the lower rate, at most
 
-/// The scene from its start, its ticks up to 20 times as long: for what takes longer than a part. Without
+/// Ticks of a scene per tick at a lower rate, which is 50 Hz at least: longer ones are too long for an arm
+/// that moves. Empty: no such rate is lower, or without a switching gain nothing holds against the errors of
+/// it.
+std::optional<double> slowing(const Scene& scene) {
+  constexpr double longest = 20.0, least = 2.0, slowest_hz = 50.0;
+  const double most = std::min(longest, scene.rate_hz / slowest_hz);
+  const bool held =
+      !scene.sliding() || scene.robust_gain || std::max(scene.gain.position, scene.gain.angle) > 0.0;
+  if (!held || most < least) return std::nullopt;
+  return std::clamp(scene.duration * scene.rate_hz / slow_ticks, 1.0, most);
+}
+
+/// The scene from its start, its ticks `longer` times as long: for what takes longer than a part. Without
 /// what only a fast loop shows: delays, observers, gears; with the gains that such a loop bears.
-Scene slowed(const Scene& scene) {
-  constexpr double longest = 20.0;
+Scene slowed(const Scene& scene, double longer) {
   Scene s = scene;
   s.whole = std::make_shared<const Scene>(scene);
-  s.rate_hz = scene.rate_hz / std::clamp(scene.duration * scene.rate_hz / slow_ticks, 1.0, longest);
+  s.rate_hz = scene.rate_hz / longer;
   s.duration = slow_ticks * s.tick();
   std::erase_if(s.effects, [](const Effect& e) {
     return acts_on_bus(e) || std::holds_alternative<Encoder>(e) || std::holds_alternative<SensorNoise>(e) ||
@@ -124,7 +134,10 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   using enum ProbePart::Kind;
   const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
   const bool all = last <= join + probe_ticks;
-  constexpr std::uint32_t start = 20, places = 3, each = (probe_ticks - start - slow_ticks) / places;
+  const auto longer = m.off_reference ? std::nullopt : slowing(scene);
+  constexpr std::uint32_t start = 20, places = 3;
+  const std::uint32_t rest = probe_ticks - start - (m.off_reference || longer ? slow_ticks : 0),
+                      each = rest / places;
   Scene first = scene;
   first.whole = std::make_shared<const Scene>(scene);
   // Where the start is far off, the way onto the reference says more than all of it at a lower rate.
@@ -134,7 +147,7 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
                    scene.tick();
   std::vector<ProbePart> out{run_part(first, 0, all ? typical : begin)};
   if (all) return out;
-  if (!m.off_reference) out.push_back(run_part(slowed(scene), 0, slow));
+  if (longer) out.push_back(run_part(slowed(scene, *longer), 0, slow));
   // From a push a good loop recovers, with the torque that the reference leaves.
   const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
   for (std::uint32_t i = 0; i < places; ++i) {
@@ -150,11 +163,17 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
 
 namespace {
 
-/// The scene as it ran at a lower rate; null: it did not, or that rate made it ring and says nothing.
+/// The scene as it ran at a lower rate; null: it did not, or that rate made it ring or meet a fault of its
+/// own.
 const ProbePart* slow_run(const std::vector<ProbePart>& parts) {
   constexpr double smooth = 0.1;
+  constexpr Fault of_the_way[] = {Fault::join_infeasible, Fault::type1_singularity, Fault::type2_singularity,
+                                  Fault::working_mode};
   const auto it = std::ranges::find(parts, ProbePart::Kind::slow, &ProbePart::kind);
-  return it != parts.end() && it->change < smooth ? &*it : nullptr;
+  if (it == parts.end() || !(it->change < smooth) || it->diverged) return nullptr;
+  const bool holds =
+      it->fault.empty() || std::ranges::any_of(of_the_way, [&](Fault f) { return it->fault == name(f); });
+  return holds ? &*it : nullptr;
 }
 
 void judge_join(const Scene& scene, const Margins& m, Findings& f) {
@@ -171,8 +190,10 @@ void judge_join(const Scene& scene, const Margins& m, Findings& f) {
 
 /// Parts that a fault ends, or whose integration does not hold.
 void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
-  const auto lost = std::ranges::find_if(parts, [](const ProbePart& p) { return p.diverged.has_value(); });
-  if (lost != parts.end()) {
+  const auto lost = std::ranges::find_if(
+      parts, [](const ProbePart& p) { return p.diverged.has_value() && p.kind != ProbePart::Kind::slow; });
+  // A step that a scene leaves to the program is not its own.
+  if (lost != parts.end() && !scene.accuracy) {
     f.error(Code::step_too_long, "simulation.step",
             "simulated from t = {:.3f} s, the state is not finite from t = {:.3f} s on: a simulation.step "
             "below {:g} s{} or simulation.accuracy",

@@ -112,6 +112,11 @@ class Verdicts(unittest.TestCase):
         self.judged(weak, "error", "torque_exceeded", where="control.torque_limit")
         self.judged(weak, "warning", "not_followed", where="control")
 
+    def test_a_lower_rate_says_nothing_where_it_diverges_or_nothing_holds(self):
+        stiff = ['effects=[{type="viscous_friction", coefficient=[1e3, 1e3]}]']  # the state is not finite at any rate
+        self.judged(stiff, "error", "torque_exceeded", "step_too_long")
+        self.assertEqual(self.check(self.circle, "control.gain=0")["verdict"], "warnings")
+
     def test_a_part_never_has_more_than_200_ticks_together(self):
         for values in ([], ["reference.join=0.3"], ["reference.join=0", "simulation.duration=0.3"], ["simulation.duration=60"],
                        ["reference.join=0", "initial.position=[0.02, 0.2]"]):
