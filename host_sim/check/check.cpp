@@ -181,7 +181,7 @@ Judgement judge(const Scene& scene, Log& log) {
   Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
-    v.margins.saturated = slow_saturation(v.margins, v.parts);
+    v.margins.saturated = slow_saturation(scene, v.margins, v.parts);
   }
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);

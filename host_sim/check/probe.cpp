@@ -70,8 +70,10 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .rate_hz = s.rate_hz, .kind = kind};
   if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
   std::size_t ran = t.saturated.size();
-  if (const auto fault = t.statistics.fault_time())
+  if (const auto fault = t.statistics.fault_time()) {
     ran = static_cast<std::size_t>(std::llround(*fault * s.rate_hz));
+    out.fault_t = out.t + *fault;
+  }
   const std::size_t first = std::max<std::size_t>(1, ran * 2 / 5), second = std::max(first, ran * 7 / 10);
   const Stretch before{first, second}, last{second, std::max(ran, second)};
   const Stretch counted = whole ? Stretch{0, t.saturated.size()} : last;
@@ -80,7 +82,8 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
   for (std::size_t n = counted.from; n < counted.to; ++n)
     out.saturated += t.saturated[n] ? 1.0 / counted.size() : 0.0;
-  out.error = t.statistics.sums().effector.all().largest;
+  const auto& errors = t.statistics.sums().effector;
+  out.error = whole ? errors.settled().largest : errors.all().largest;
   if (!std::isfinite(t.end.q.front()))
     out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
   return out;
@@ -89,24 +92,26 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
 constexpr double steepest = 0.5;  ///< lambda times a tick at the lower rate, at most
 
 /// Ticks of a scene per tick at a lower rate, which is 50 Hz at least: longer ones are too long for an arm
-/// that moves. Empty: no such rate is lower, or without a switching gain nothing holds against the errors of
-/// it.
+/// that moves. Empty: no such rate is lower; without a switching gain nothing holds against the errors of it;
+/// or it would change the reference, as a program is planned for its rate.
 std::optional<double> slowing(const Scene& scene) {
   constexpr double longest = 20.0, least = 2.0, slowest_hz = 50.0;
   const double most = std::min(longest, scene.rate_hz / slowest_hz);
   const bool held =
       !scene.sliding() || scene.robust_gain || std::max(scene.gain.position, scene.gain.angle) > 0.0;
-  if (!held || most < least) return std::nullopt;
+  if (!held || most < least || scene.reference.type == ReferenceType::program) return std::nullopt;
   return std::clamp(scene.duration * scene.rate_hz / slow_ticks, 1.0, most);
 }
 
 /// The scene from its start, its ticks `longer` times as long: for what takes longer than a part. Without
-/// what only a fast loop shows: delays, observers, gears; with the gains that such a loop bears.
+/// what only a fast loop shows: delays, the drives' observers, noise, gears; with the lambda that such a loop
+/// bears, and the implicit law for others with a layer.
 Scene slowed(const Scene& scene, double longer) {
   Scene s = scene;
   s.whole = std::make_shared<const Scene>(scene);
   s.rate_hz = scene.rate_hz / longer;
   s.duration = slow_ticks * s.tick();
+  s.step = std::min(s.step, scene.tick());
   std::erase_if(s.effects, [](const Effect& e) {
     return acts_on_bus(e) || std::holds_alternative<Encoder>(e) || std::holds_alternative<SensorNoise>(e) ||
            std::holds_alternative<SensorDelay>(e) || std::holds_alternative<ComputeDelay>(e) ||
@@ -166,14 +171,22 @@ namespace {
 /// The scene as it ran at a lower rate; null: it did not, or that rate made it ring or meet a fault of its
 /// own.
 const ProbePart* slow_run(const std::vector<ProbePart>& parts) {
-  constexpr double smooth = 0.1;
-  constexpr Fault of_the_way[] = {Fault::join_infeasible, Fault::type1_singularity, Fault::type2_singularity,
-                                  Fault::working_mode};
+  constexpr double smooth = 0.1, enough_ticks = 10.0;
+  constexpr Fault of_the_way[] = {Fault::type1_singularity, Fault::type2_singularity, Fault::working_mode};
   const auto it = std::ranges::find(parts, ProbePart::Kind::slow, &ProbePart::kind);
   if (it == parts.end() || !(it->change < smooth) || it->diverged) return nullptr;
-  const bool holds =
-      it->fault.empty() || std::ranges::any_of(of_the_way, [&](Fault f) { return it->fault == name(f); });
+  const bool holds = it->fault.empty() || it->fault == name(Fault::join_infeasible) ||
+                     (it->fault_t * it->rate_hz >= enough_ticks &&
+                      std::ranges::any_of(of_the_way, [&](Fault f) { return it->fault == name(f); }));
   return holds ? &*it : nullptr;
+}
+
+/// Whether torques at a lower rate are those of the scene: it has kept the rotors of gears, and the times of
+/// sides, which are whole ticks.
+bool slow_torques_hold(const Scene& scene) {
+  const ReferenceType type = scene.reference.type;
+  return !find_effect<JointFlexibility>(scene.effects) && !find_effect<Backlash>(scene.effects) &&
+         type != ReferenceType::line && type != ReferenceType::polyline;
 }
 
 void judge_join(const Scene& scene, const Margins& m, Findings& f) {
@@ -204,11 +217,11 @@ void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePar
   for (const ProbePart& p : parts) {
     if (p.fault.empty() || (p.kind == ProbePart::Kind::slow && &p != slow)) continue;
     if (p.fault == name(Fault::join_infeasible)) {
-      if (!f.has(Code::limit_crossed)) judge_join(scene, m, f);
+      if (!f.refused_for(Code::limit_crossed)) judge_join(scene, m, f);
     } else if (!f.refused()) {
       f.error(Code::limit_crossed, m.off_reference ? "reference.join" : "limits",
-              "simulated from t = {:.3f} s{}, the loop ends in the fault {}{}", p.t,
-              &p == slow ? fmt::format(" at {:.3g} Hz", p.rate_hz) : "", p.fault,
+              "simulated from t = {:.3f} s{}, the loop ends in the fault {} at t = {:.3f} s{}", p.t,
+              &p == slow ? fmt::format(" at {:.3g} Hz", p.rate_hz) : "", p.fault, p.fault_t,
               m.off_reference ? ": reference.join (s) leads onto the reference" : "");
     }
   }
@@ -218,7 +231,7 @@ void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePar
 void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   const ProbePart* slow = slow_run(parts);
   if (slow == nullptr || !slow->fault.empty()) return;
-  if (slow->saturated > 0.75 && !f.refused_for(Code::torque_exceeded)) {
+  if (slow->saturated > 0.75 && slow_torques_hold(scene) && !f.refused_for(Code::torque_exceeded)) {
     f.error(Code::torque_exceeded, "control.torque_limit",
             "simulated at {:.3g} Hz, for what takes long, the motors are saturated in {:.0f} % of the ticks",
             slow->rate_hz, 100.0 * slow->saturated);
@@ -234,25 +247,31 @@ void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePar
 }
 
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
-/// are typical. What dies away in all of them is spread over the ticks of the run.
+/// are typical. What clearly dies away, by all parts together, is spread over the ticks of the run.
 double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t ticks) {
-  const auto count = static_cast<double>(parts.size());
-  double change = 0.0, rate = 0.0, spread = 0.0;
+  double change = 0.0, rate = 0.0, spread = 0.0, moving = 0.0;
   for (const ProbePart* p : parts) {
-    change += p->change / count;
-    rate += std::log(p->growth) / count;
+    change += p->change / static_cast<double>(parts.size());
+    if (!(p->change > 0.0)) continue;
+    rate += std::log(p->growth);
+    ++moving;
   }
-  for (const ProbePart* p : parts) spread += std::pow(std::log(p->growth) - rate, 2);
-  const double error = count > 1.0 ? std::sqrt(spread / (count - 1.0) / count) : 0.0;
+  if (moving == 0.0) return 0.0;
+  rate /= moving;
+  for (const ProbePart* p : parts) spread += p->change > 0.0 ? std::pow(std::log(p->growth) - rate, 2) : 0.0;
+  const double error = moving > 1.0 ? std::sqrt(spread / (moving - 1.0) / moving) : 0.0;
   return rate + 3.0 * error < -0.01 ? std::min(change, change / (-std::expm1(rate) * ticks)) : change;
 }
 
 }  // namespace
 
-std::optional<double> slow_saturation(const Margins& m, const std::vector<ProbePart>& parts) {
+std::optional<double> slow_saturation(const Scene& scene, const Margins& m,
+                                      const std::vector<ProbePart>& parts) {
+  constexpr double nearly_all = 0.95;
   const ProbePart* slow = slow_run(parts);
-  const bool follows = slow != nullptr && slow->fault.empty() && slow->error < m.path();
-  return follows ? std::optional(slow->saturated) : std::nullopt;
+  if (slow == nullptr || !slow->fault.empty() || !slow_torques_hold(scene)) return std::nullopt;
+  const bool covers = slow->ticks / slow->rate_hz >= nearly_all * m.ticks * scene.tick();
+  return covers && slow->error < m.path() ? std::optional(slow->saturated) : std::nullopt;
 }
 
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {

@@ -233,13 +233,17 @@ ControllerConfig<M> make_controller(const Scene& scene, Pacing pacing,
   using Designed = std::conditional_t<M::has_type2, FiveBar<double>, Rr<double>>;
   const Scene& whole = scene.whole ? *scene.whole : scene;
   const Gains<Designed> d = robust_gains<Designed>(whole, pacing).gains;
-  // The layer of the implicit law counts ticks, and a part may run at a lower rate.
-  const auto ticks = [&](const Scene& s) { return implicit_layer(1.0, s.tick(), borne_delay(s, pacing)); };
-  const double longer = ticks(scene) / ticks(whole);
   c.gains.k = d.k.template cast<S>();
-  c.gains.layer = (d.layer * longer).template cast<S>();
+  c.gains.layer = d.layer.template cast<S>();
   c.gains.independent.k = static_cast<S>(d.independent.k);
-  c.gains.independent.layer = static_cast<S>(d.independent.layer * longer);
+  c.gains.independent.layer = static_cast<S>(d.independent.layer);
+  if (scene.tick() == whole.tick() || c.reaching != Reaching::implicit) return c;
+  // The layer of the implicit law counts ticks, and this part of the whole has longer ones.
+  const auto widen = [&](double k, S& layer) {
+    if (k > 0.0) layer = static_cast<S>(implicit_layer(k, scene.tick(), borne_delay(scene, pacing)));
+  };
+  for (int i = 0; i < M::channels; ++i) widen(d.k[i], c.gains.layer[i]);
+  widen(d.independent.k, c.gains.independent.layer);
   return c;
 }
 

@@ -116,6 +116,12 @@ class Verdicts(unittest.TestCase):
         stiff = ['effects=[{type="viscous_friction", coefficient=[1e3, 1e3]}]']  # the state is not finite at any rate
         self.judged(stiff, "error", "torque_exceeded", "step_too_long")
         self.assertEqual(self.check(self.circle, "control.gain=0")["verdict"], "warnings")
+        # It ends at 1.6 s: what comes later it does not deny.
+        self.judged(["simulation.duration=20", 'effects=[{type="external_force", force=[-30.0, 0.0], from=5.0, to=15.0}]'], "error", "torque_exceeded")
+        # A program would be planned for the lower rate, another one.
+        for scene, values, rates in (("five_bar_pick_and_place.toml", ["control.rate_hz=500"], {500}), ("five_bar_circle.toml", ["control.rate_hz=80"], {80}),
+                                     ("five_bar_circle.toml", [], {1000, 50})):
+            self.assertEqual({p["rate_hz"] for p in self.check(Path(SCENES, scene), *values)["simulated"]}, rates, (scene, values))
 
     def test_a_part_never_has_more_than_200_ticks_together(self):
         for values in ([], ["reference.join=0.3"], ["reference.join=0", "simulation.duration=0.3"], ["simulation.duration=60"],
