@@ -179,10 +179,6 @@ void judge_odrive(const Scene& scene, Findings& f) {
 
 Judgement judge(const Scene& scene, Log& log) {
   Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
-  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
-    v.parts = probe_scene(scene, v.margins);
-    v.margins.saturated = slow_saturation(scene, v.margins, v.parts);
-  }
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
   judge_bus(scene, v.bus, v.findings);
   judge_heartbeats(scene, v.findings);
@@ -190,7 +186,10 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_homing(scene, v.findings);
   judge_odrive(scene, v.findings);
   judge_units(scene, v.findings);
-  if (!v.parts.empty()) judge_probe(scene, v.margins, v.parts, v.findings);
+  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
+    v.parts = probe_scene(scene, v.margins);
+    judge_probe(scene, v.margins, v.parts, v.findings);
+  }
   return v;
 }
 

@@ -56,7 +56,6 @@ struct Margins {
   std::vector<double> preload,
       preload_t;  ///< least torque towards control.preload per motor, N m, and when, s
   std::uint32_t ticks = 0, short_ticks = 0;  ///< followed; of them with less torque than needed
-  std::optional<double> saturated;           ///< share of the ticks, as simulated at a lower rate
   std::vector<double> drive_short;           ///< largest torque that the drive cuts, per motor, N m; 0: none
   double speed_max = 0.0, speed_jump = 0.0, position_jump = 0.0,
          jump_t = 0.0;         ///< of the reference: m or rad, per s; the largest jump of speed, and when, s

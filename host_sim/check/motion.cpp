@@ -37,12 +37,7 @@ constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
 
 /// Torque that is short for a part of the time is a warning: the mechanism may come back to its reference.
-/// So it is where the law does not ask for that torque.
-Level shortage(const Margins& m) {
-  constexpr double much_of_time = 0.2;
-  const bool asked = m.saturated.value_or(1.0) > much_of_time;
-  return asked && m.short_ticks > much_of_time * m.ticks ? Level::error : Level::warning;
-}
+Level shortage(const Margins& m) { return m.short_ticks > 0.2 * m.ticks ? Level::error : Level::warning; }
 
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {

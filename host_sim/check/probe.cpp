@@ -66,7 +66,6 @@ double mean_change(const Scene& s, const Trace& t, const Stretch& over) {
 /// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
 ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   const Trace t = probe(s);
-  const bool whole = kind == ProbePart::Kind::slow;
   ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .rate_hz = s.rate_hz, .kind = kind};
   if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
   std::size_t ran = t.saturated.size();
@@ -76,14 +75,12 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   }
   const std::size_t first = std::max<std::size_t>(1, ran * 2 / 5), second = std::max(first, ran * 7 / 10);
   const Stretch before{first, second}, last{second, std::max(ran, second)};
-  const Stretch counted = whole ? Stretch{0, t.saturated.size()} : last;
   out.change = mean_change(s, t, last);
   const double earlier = mean_change(s, t, before);
   if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
-  for (std::size_t n = counted.from; n < counted.to; ++n)
-    out.saturated += t.saturated[n] ? 1.0 / counted.size() : 0.0;
+  for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
   const auto& errors = t.statistics.sums().effector;
-  out.error = whole ? errors.settled().largest : errors.all().largest;
+  out.error = kind == ProbePart::Kind::slow ? errors.settled().largest : errors.all().largest;
   if (!std::isfinite(t.end.q.front()))
     out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
   return out;
@@ -181,14 +178,6 @@ const ProbePart* slow_run(const std::vector<ProbePart>& parts) {
   return holds ? &*it : nullptr;
 }
 
-/// Whether torques at a lower rate are those of the scene: it has kept the rotors of gears, and the times of
-/// sides, which are whole ticks.
-bool slow_torques_hold(const Scene& scene) {
-  const ReferenceType type = scene.reference.type;
-  return !find_effect<JointFlexibility>(scene.effects) && !find_effect<Backlash>(scene.effects) &&
-         type != ReferenceType::line && type != ReferenceType::polyline;
-}
-
 void judge_join(const Scene& scene, const Margins& m, Findings& f) {
   // At rest onto a moving reference, a join of T seconds at speed v runs up over about 0.2 v T.
   const double join = scene.reference.join.value_or(0.0);
@@ -227,23 +216,16 @@ void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePar
   }
 }
 
-/// What takes longer than a part, only where it is far beyond what the lower rate itself may do.
+/// Whether a law with the scene's own gains is still on its reference in what takes longer than a part.
 void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   const ProbePart* slow = slow_run(parts);
-  if (slow == nullptr || !slow->fault.empty()) return;
-  if (slow->saturated > 0.75 && slow_torques_hold(scene) && !f.refused_for(Code::torque_exceeded)) {
-    f.error(Code::torque_exceeded, "control.torque_limit",
-            "simulated at {:.3g} Hz, for what takes long, the motors are saturated in {:.0f} % of the ticks",
-            slow->rate_hz, 100.0 * slow->saturated);
-  }
+  if (slow == nullptr || !slow->fault.empty() || scene.sliding() || f.has(Code::not_followed)) return;
   const bool own_gains = std::max(scene.lambda.position, scene.lambda.angle) <= steepest * slow->rate_hz;
-  if (own_gains && !scene.sliding() && m.path() > 0.0 && slow->error > m.path() &&
-      !f.has(Code::not_followed)) {
-    f.warning(Code::not_followed, "control",
-              "simulated at {:.3g} Hz, for what takes long, the effector leaves the reference by {:.3g} mm, "
-              "{:.0f} % of the path",
-              slow->rate_hz, 1e3 * slow->error, 100.0 * slow->error / m.path());
-  }
+  if (!own_gains || !(m.path() > 0.0) || !(slow->error > m.path())) return;
+  f.warning(Code::not_followed, "control",
+            "simulated at {:.3g} Hz, for what takes long, the effector leaves the reference by {:.3g} mm, "
+            "{:.0f} % of the path",
+            slow->rate_hz, 1e3 * slow->error, 100.0 * slow->error / m.path());
 }
 
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
@@ -264,15 +246,6 @@ double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t t
 }
 
 }  // namespace
-
-std::optional<double> slow_saturation(const Scene& scene, const Margins& m,
-                                      const std::vector<ProbePart>& parts) {
-  constexpr double nearly_all = 0.95;
-  const ProbePart* slow = slow_run(parts);
-  if (slow == nullptr || !slow->fault.empty() || !slow_torques_hold(scene)) return std::nullopt;
-  const bool covers = slow->ticks / slow->rate_hz >= nearly_all * m.ticks * scene.tick();
-  return covers && slow->error < m.path() ? std::optional(slow->saturated) : std::nullopt;
-}
 
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   // Of a mean of few ticks less than the limit may be the limit.

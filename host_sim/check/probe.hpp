@@ -29,7 +29,7 @@ struct ProbePart {
   Kind kind = Kind::typical;
   double change = 0.0;               ///< mean change of torque per tick, as share of torque_limit, at the end
   double growth = 1.0;               ///< of that change per tick
-  double saturated = 0.0;            ///< share of the ticks at the end; `slow`: of all ticks
+  double saturated = 0.0;            ///< share of the ticks at the end
   double error = 0.0;                ///< m, largest of the effector; `slow`: once settled
   std::string fault{};               ///< that ended it; empty: none
   double fault_t = 0.0;              ///< s, of the fault
@@ -40,10 +40,6 @@ struct ProbePart {
 /// than these ticks), and three places along the reference; a scene that is no longer than that as a whole.
 /// Of a start off the reference more is run, and nothing at a lower rate.
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m);
-/// Share of the ticks in which the motors were saturated at the lower rate; empty: that run says nothing of
-/// it, for it was too short, rang, met a fault, lost its reference or has other torques than the scene.
-std::optional<double> slow_saturation(const Scene& scene, const Margins& m,
-                                      const std::vector<ProbePart>& parts);
 /// Adds findings on the loop as it ran.
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f);
 
