@@ -5,7 +5,7 @@
 #include <cmath>
 #include <optional>
 
-#include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/instances.hpp"
 #include "tests/support/cycle_setup.hpp"
 
 namespace esmc::test {

@@ -5,7 +5,7 @@
 
 #include <array>
 
-#include "firmware/cycle/controller.hpp"
+#include "firmware/cycle/instances.hpp"
 #include "firmware/cycle/linked.hpp"
 #include "tests/support/random_mechanism.hpp"
 
