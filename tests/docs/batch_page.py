@@ -10,6 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import page
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/performance.md"
 SPEC = ROOT / "host_sim/sweeps/b7_uncertain.toml"
@@ -119,12 +121,9 @@ def main():
     if not UPDATE:
         print(f"largest difference of an effector error: {best['apart']:.2g}")
         return 0
-    text = PAGE.read_text(encoding="utf-8")
-    for name, table in tables(best, batch).items():
-        text, n = re.subn(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", lambda m, t=table: m[1] + t + m[2], text, flags=re.S)
-        assert n == 1, name
-        print(table)
-    PAGE.write_text(text, encoding="utf-8")
+    made = tables(best, batch)
+    print(*made.values(), sep="\n")
+    page.put(PAGE, made)
     return 0
 
 

@@ -23,9 +23,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from page import part, put
+
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = "build/host/esmc"
-BEGIN, END = "<!-- keys -->\n", "<!-- /keys -->"
 QUOTE = re.compile(r"^```\w+ (\S+)\n(.*?)^```$", re.M | re.S)
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.M | re.S)
 UPDATE = "--update" in sys.argv
@@ -38,17 +39,11 @@ def pages(root):
 
 
 def key_table(root, esmc):
-    page = root / "docs/scenes.md"
-    text = page.read_text(encoding="utf-8")
-    if text.count(BEGIN) != 1 or text.count(END) != 1:
-        yield "docs/scenes.md: the markers of the key table are gone"
-        return
+    scenes = root / "docs/scenes.md"
     want = subprocess.run([esmc, "keys"], capture_output=True, text=True, check=True).stdout
-    before, rest = text.split(BEGIN)
-    table, after = rest.split(END)
     if UPDATE:
-        page.write_text(before + BEGIN + want + END + after, encoding="utf-8")
-    elif table != want:
+        put(scenes, {"keys": want})
+    elif (table := part(scenes, "keys")) != want:
         have = table.splitlines()
         line = next((new for new in want.splitlines() if new not in have), "the order of the lines")
         yield f"docs/scenes.md: the key table is not what `esmc keys` prints ({line}); docs_test.py ESMC --update"
@@ -284,7 +279,7 @@ case "$1" in keys) echo '| key |';; digest) echo 'digest 1111111111111111';; *) 
          "case Fault::second: return Reaction::halt;", "second is answered"),
         (lambda r: list(option_codes(r)), "docs/safety.md", "605Eh = 0, 605Ah = 0, 6007h = 0", "6007h = 0, cia402_setup.hpp: 1"),
         (lambda r: list(option_codes(r)), "docs/safety.md", "605Eh = 0, 605Ah = 0, 6007h = 1", None),
-        (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", BEGIN + "| old |\n" + END, "key table"),
+        (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", "<!-- keys -->\n| old |\n<!-- /keys -->", "key table"),
         (lambda r: list(key_table(r, r / "esmc")), "docs/scenes.md", "nothing", "markers"),
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```sh\n{PROGRAM} sim x\n```\n", "exit 1"),
         (lambda r: list(commands(r, r / "esmc")), "docs/a.md", f"```console\n$ {PROGRAM} keys\n| keys |\n```\n", "something else"),

@@ -5,13 +5,12 @@ usage: effect_figures.py ESMC              runs everything and compares with doc
        effect_figures.py ESMC --update     draws the pictures anew
 
 Every curve is a run of tests/docs/effects_bench.toml with --set, listed below."""
-import csv
 import re
-import subprocess
 import sys
-import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+import page
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "tests/docs/effects_bench.toml"
@@ -69,16 +68,6 @@ FIGURES = [
 ]
 
 
-def rows(esmc, sets):
-    with tempfile.TemporaryDirectory() as folder:
-        command = [esmc, "sim", SCENE, "--out", folder] + [a for s in sets for a in ("--set", s)]
-        run = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-        if run.returncode != 0:
-            raise SystemExit(f"effect_figures.py: {' '.join(map(str, command))}\n{run.stderr}{run.stdout}")
-        with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as log:
-            return [{k: float(v) for k, v in row.items() if k != "state"} for row in csv.DictReader(log)]
-
-
 def ticks(low, high):
     span = high - low
     step = 10.0 ** len(str(int(span))) if span >= 1 else 1.0
@@ -120,7 +109,7 @@ def svg(title, vertical, start, end, curves, horizontal="t, s"):
 def draw(esmc, name, vertical, start, end, curves):
     drawn = []
     for label, sets, value in curves:
-        inside = [r for r in rows(esmc, sets) if start <= r["t"] <= end]
+        inside = [r for r in page.run(esmc, "sim", SCENE, *sets, log=True)[1] if start <= r["t"] <= end]
         drawn.append((label, [(r["t"], value(r)) for r in inside[::max(1, len(inside) // POINTS)]]))
     return svg(name, vertical, start, end, drawn)
 
@@ -137,7 +126,7 @@ def main():
     if len(arguments) != 1:
         print(__doc__, file=sys.stderr)
         return 2
-    page = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
     failed = 0
     with ThreadPoolExecutor(2) as pool:
         pictures = list(pool.map(lambda figure: draw(arguments[0], *figure), FIGURES))
@@ -148,7 +137,7 @@ def main():
         elif not file.is_file() or not same(file.read_text(encoding="utf-8"), picture):
             failed += 1
             print(f"{file.relative_to(ROOT)} is not what the program does: effect_figures.py ESMC --update")
-        if f"(images/{file.name})" not in page:
+        if f"(images/{file.name})" not in text:
             failed += 1
             print(f"docs/effects.md does not show {file.name}")
     print(f"{len(FIGURES)} pictures, {failed} problems")

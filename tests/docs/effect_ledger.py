@@ -5,7 +5,6 @@ usage: effect_ledger.py ESMC RHS_COST SCENE --update   measures everything and w
        effect_ledger.py ESMC --update-bus              that of the bus effects alone
        effect_ledger.py ESMC                           checks the table: every effect of the program has a row, and what
                                                        does not depend on the machine is what the program computes now"""
-import csv
 import json
 import math
 import re
@@ -14,8 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+import page
+
 PAGE = Path(__file__).resolve().parents[2] / "docs/effects.md"
-BEGIN, END = "<!-- ledger -->\n", "<!-- /ledger -->"
 HEAD = ("| effect | parameters | integrator | effector moves by, m | settled error with it, rad | states | instructions per step "
         "| time per step, relative |\n|---|---|---|---|---|---|---|---|\n")
 
@@ -37,7 +37,6 @@ def study(esmc):
 
 
 # Effects of the bus act in `esmc hil` only; their rows are made here, from its runs.
-BUS_BEGIN, BUS_END = "<!-- bus ledger -->\n", "<!-- /bus ledger -->"
 BUS_HEAD = ("| effect | parameters | effector moves by, m | settled error with it, rad | fault | time per tick, relative |\n"
             "|---|---|---|---|---|---|\n")
 BUS_EFFECTS = [  # name, parameters, whether bit_timing stands beside it
@@ -49,14 +48,12 @@ BUS_EFFECTS = [  # name, parameters, whether bit_timing stands beside it
     ("drive_dropout", "drive = 2, from = 0.5, to = 0.6", False)]
 
 
+SCENE = PAGE.parents[1] / "host_sim/scenes/five_bar_circle.toml"
+
+
 def hil(esmc, effects):
-    scene = PAGE.parents[1] / "host_sim/scenes/five_bar_circle.toml"
-    with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([esmc, "hil", scene, "--json", "--out", folder, "--set", f"effects=[{effects}]"],
-                              capture_output=True, text=True, check=False)
-        with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as log:
-            path = [(float(r["x"]), float(r["y"])) for r in csv.DictReader(log)]
-    return json.loads(done.stdout), path
+    summary, rows = page.run(esmc, "hil", SCENE, f"effects=[{effects}]", log=True)
+    return summary, [(r["x"], r["y"]) for r in rows]
 
 
 def bus_rows(esmc):
@@ -81,12 +78,7 @@ def bus_table(esmc):
 
 def relative_time(esmc, effects):
     """Of the loop without files, best of several in turns."""
-    def wall(with_effects):
-        scene = PAGE.parents[1] / "host_sim/scenes/five_bar_circle.toml"
-        done = subprocess.run([esmc, "hil", scene, "--json", "--set", f"effects=[{with_effects}]"], capture_output=True, text=True,
-                              check=False)
-        return json.loads(done.stdout)["wall_s"]
-    pairs = [(wall(effects), wall("")) for _ in range(9)]
+    pairs = [[page.run(esmc, "hil", SCENE, f"effects=[{e}]")["wall_s"] for e in (effects, "")] for _ in range(9)]
     return f"{min(p[0] for p in pairs) / min(p[1] for p in pairs):.1f}"
 
 
@@ -97,12 +89,8 @@ def row(e):
 
 def main():
     esmc = sys.argv[1]
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    table, after = rest.split(END)
-    bus_before, bus_rest = after.split(BUS_BEGIN)
-    bus, end = bus_rest.split(BUS_END)
     if "--update-bus" in sys.argv:
-        PAGE.write_text(before + BEGIN + table + END + bus_before + BUS_BEGIN + bus_table(esmc) + BUS_END + end, encoding="utf-8")
+        page.put(PAGE, {"bus ledger": bus_table(esmc)})
         return 0
     effects = study(esmc)
     if "--update" in sys.argv:
@@ -112,10 +100,9 @@ def main():
         for e in effects:
             toml = f'type = "{e["effect"]}", {e["parameters"]}'
             table += row(e) + f"{instructions(cost, scene, toml):.0f} | {e['ns_per_step'] / e['ns_without']:.2f} |\n"
-        PAGE.write_text(before + BEGIN + table + END + bus_before + BUS_BEGIN + bus_table(esmc) + BUS_END + end,
-                        encoding="utf-8")
+        page.put(PAGE, {"ledger": table, "bus ledger": bus_table(esmc)})
         return 0
-    problems = []
+    problems, table, bus = [], page.part(PAGE, "ledger"), page.part(PAGE, "bus ledger")
     keys = subprocess.run([esmc, "keys"], capture_output=True, text=True, check=True).stdout
     types = re.search(r"`effects.type` \| one of: ([a-z_, ]+)", keys)[1].strip().split(", ")
     problems += [f"{t} has no row" for t in types if f"| `{t}` |" not in table + bus]

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import laws_figures
 import laws_study as study
+import page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE, KEPT, BOARDS = DOCS / "laws.md", DOCS / "laws.csv", DOCS / "boards.md"
-BEGIN, END = "<!-- study -->\n", "<!-- /study -->"
-BESIDE, BESIDE_END = "<!-- observer -->\n", "<!-- /observer -->"
 QUIET = (0.004, 0.008, 0.02)         # N m per tick
 ANY = float("inf")
 BUDGETS = (0.0025, 0.004, 0.008, 0.02, ANY)  # N m per tick
@@ -245,10 +244,9 @@ def robust(s):
 
 def instructions():
     """{law: (M4F, M7)}: mean per tick, from the counted tables of boards.md."""
-    text = BOARDS.read_text(encoding="utf-8")
     columns = []
     for board in ("mps2-an386", "mps2-an500"):
-        counted = text.split(f"<!-- count {board} -->")[1].split("<!-- /count")[0]
+        counted = page.part(BOARDS, f"count {board}")
         columns.append({m[1]: int(m[2]) for m in re.finditer(r"^\| `(\w+)` \| \d+ \| (\d+) \|", counted, re.M)})
     return {law: (columns[0][law], columns[1][law]) for law in columns[0]}
 
@@ -310,8 +308,7 @@ def beside(esmc, laws=study.OBSERVED):
 
 def write(scores):
     s = Study(scores)
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(before + BEGIN + text(s, instructions()) + END + rest.split(END)[1], encoding="utf-8")
+    page.put(PAGE, {"study": text(s, instructions())})
     for name, picture in figures(s):
         (DOCS / "images" / name).write_text(picture, encoding="utf-8")
 
@@ -327,10 +324,9 @@ def check(esmc, scores):
     for key, values in now.items():
         if values != scores[key]:
             yield f"docs/laws.csv: {key}: {scores[key]} is kept, the program computes {values}"
-    table_kept = PAGE.read_text(encoding="utf-8").split(BESIDE)[1].split(BESIDE_END)[0]
-    if (row := beside_row(esmc, "ctc")) not in table_kept:
+    if (row := beside_row(esmc, "ctc")) not in page.part(PAGE, "observer"):
         yield f"docs/laws.md: the row of ctc beside an observer is now {row}: laws_page.py ESMC --observer"
-    kept = PAGE.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    kept = page.part(PAGE, "study")
     stated = {m[1]: (int(m[2]), int(m[3])) for m in re.finditer(r"^\| `(\w+)` \| (\d+) \| (\d+) \|", kept, re.M)}
     if stated.keys() != instructions().keys() or text(s, stated) != kept:
         yield "docs/laws.md: the text is not what docs/laws.csv says: laws_page.py --redraw"
@@ -350,9 +346,7 @@ def main():
         write(study.read(KEPT))
         return 0
     if len(arguments) == 2 and arguments[1] == "--observer":
-        made = beside(arguments[0])
-        before, rest = PAGE.read_text(encoding="utf-8").split(BESIDE)
-        PAGE.write_text(before + BESIDE + made + BESIDE_END + rest.split(BESIDE_END)[1], encoding="utf-8")
+        page.put(PAGE, {"observer": beside(arguments[0])})
         return 0
     if len(arguments) == 2 and arguments[1] == "--check":
         problems = list(check(arguments[0], study.read(KEPT)))

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import page
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/performance.md"
 SCENE = ROOT / "host_sim/scenes/five_bar_circle.toml"
@@ -51,13 +53,11 @@ def speed(esmc, sets):
 
 
 def main():
-    esmc, text = sys.argv[1], PAGE.read_text(encoding="utf-8")
-    head, rest = text.split("<!-- loop -->\n")
-    table, tail = rest.split("<!-- /loop -->")
+    esmc, table = sys.argv[1], page.part(PAGE, "loop")
     if "--update" in sys.argv:
         table = "| loop at 1 kHz | instructions per tick | x real time |\n|---|---|---|\n"
         table += "".join(f"| {name} | {instructions(esmc, sets):.0f} | {speed(esmc, sets):.0f} |\n" for name, sets in ROWS)
-        PAGE.write_text(f"{head}<!-- loop -->\n{table}<!-- /loop -->{tail}", encoding="utf-8")
+        page.put(PAGE, {"loop": table})
     wrong = 0
     for name, sets in ROWS:
         said = re.search(rf"^\| {re.escape(name)} \| (\d+) \| \d+ \|$", table, re.M)

@@ -16,6 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/structure"))
 import callgrind  # noqa: E402
+import page  # noqa: E402
 
 PAGE = ROOT / "docs/performance.md"
 TICK = "tick/five_bar/esmc/double"
@@ -34,13 +35,6 @@ YARDSTICKS = (("law/five_bar/esmc/double", "law/five_bar/straight_line_esmc/doub
               ("plant/five_bar/kkt/double", "plant/five_bar/straight_line/double"),
               ("law/five_bar/esmc/float", "law/five_bar/esmc/double"),
               ("law/five_bar/esmc_projected/float", "law/five_bar/esmc_projected/double"))
-
-
-def split(text, name):
-    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-    head, rest = text.split(begin)
-    body, tail = rest.split(end)
-    return head + begin, body, end + tail
 
 
 def tables(ns):
@@ -87,9 +81,7 @@ def rows(text):
 
 
 def wrong(text, names):
-    _, times, _ = split(text, "times")
-    _, ratios, _ = split(text, "ratios")
-    said = rows(times)
+    said, ratios = rows(page.cut(text, "times")[1]), page.cut(text, "ratios")[1]
     yield from (f"no row: {n}" for n in names if n not in said)
     yield from (f"no benchmark: {n}" for n in said if n not in names)
     if set(said) == set(names) and tables(said)[1] != ratios:
@@ -99,11 +91,11 @@ def wrong(text, names):
 def self_test():
     ns = dict.fromkeys([n for pair in YARDSTICKS for n in pair], 100.0) | {"law/rr/esmc/double": 140.2}
     times, ratios = tables(ns)
-    page = f"a\n<!-- times -->\n{times}<!-- /times -->\n<!-- ratios -->\n{ratios}<!-- /ratios -->\n"
-    assert not list(wrong(page, list(ns)))
-    assert list(wrong(page, [*ns, "other"])) == ["no row: other"]
-    assert list(wrong(page, [n for n in ns if n != "law/rr/esmc/double"])) == ["no benchmark: law/rr/esmc/double"]
-    assert list(wrong(page.replace("1.40", "1.10"), list(ns))), "a ratio that is not that of its times"
+    text = f"a\n<!-- times -->\n{times}<!-- /times -->\n<!-- ratios -->\n{ratios}<!-- /ratios -->\n"
+    assert not list(wrong(text, list(ns)))
+    assert list(wrong(text, [*ns, "other"])) == ["no row: other"]
+    assert list(wrong(text, [n for n in ns if n != "law/rr/esmc/double"])) == ["no benchmark: law/rr/esmc/double"]
+    assert list(wrong(text.replace("1.40", "1.10"), list(ns))), "a ratio that is not that of its times"
     callgrind.self_test()
     own = {"void esmc::demand<X>()": 900, "esmc::Cycle<X, Y>::tick<Z>(Z&)": 300, "esmc::(anonymous namespace)::bench()": 70, "strcmp": 8}
     table = tick_table(own, {"esmc::Cycle<X, Y>::tick<Z>(Z&)": [3, 1500]})
@@ -114,19 +106,16 @@ def self_test():
 def main():
     if sys.argv[1:] == ["--self-test"]:
         return self_test()
-    program, text = sys.argv[1], PAGE.read_text(encoding="utf-8")
+    program = sys.argv[1]
     if "--update" in sys.argv:
-        for name, table in zip(("times", "ratios"), tables(measure(program))):
-            head, _, tail = split(text, name)
-            text = head + table + tail
+        page.put(PAGE, dict(zip(("times", "ratios"), tables(measure(program)))))
     if "--update" in sys.argv or "--tick" in sys.argv:
-        head, _, tail = split(text, "tick")
-        text = head + count(program) + tail
-        PAGE.write_text(text, encoding="utf-8")
+        page.put(PAGE, {"tick": count(program)})
+    text = PAGE.read_text(encoding="utf-8")
     names = subprocess.run([program, "--benchmark_list_tests"], capture_output=True, text=True, check=True).stdout.split()
     found = list(wrong(text, names))
     now = count(program)
-    if not same_counts(split(text, "tick")[1], now):
+    if not same_counts(page.cut(text, "tick")[1], now):
         found.append(f"a tick is now\n{now}")
     print("\n".join(found) if found else f"{len(names)} benchmarks")
     return 1 if found else 0

@@ -4,12 +4,13 @@ standard library; valgrind for the instructions.
 
 usage: reaching_page.py ESMC             makes all runs and writes the tables
        reaching_page.py ESMC --check     makes a few of the runs and of the counts again; they must be what the page shows"""
-import json
 import re
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SCENE = ROOT / "docs/reaching.md", ROOT / "host_sim/scenes/five_bar_super_twisting.toml"
@@ -31,21 +32,19 @@ TICKS = 200  # counted
 
 def options(world, law, part):
     effects, delay, lag = WORLDS[world]
-    out = [f"control.reaching={law}", f"control.delay_ticks={delay}", f"control.sensor_lag_ticks={lag}",
-           f"effects=[{','.join(effects)}]", *PARTS[part]]
-    return [word for o in out for word in ("--set", o)]
+    return [f"control.reaching={law}", f"control.delay_ticks={delay}", f"control.sensor_lag_ticks={lag}",
+            f"effects=[{','.join(effects)}]", *PARTS[part]]
+
+
+def cell(summary):
+    """Settled error, and mean change of torque per tick."""
+    if summary["supervisor"]["faults"]:
+        return "fault"
+    return f"{summary['tracking']['settled_rms_m'] * 1e6:.3g} um, {summary['torque']['mean_abs_delta_nm'] * 1e3:.3g} mN m"
 
 
 def run(esmc, world, law, part, *more):
-    """(settled rms m, mean |change of torque| N m per tick); None where it ends in a fault."""
-    job = subprocess.run([esmc, "sim", SCENE, "--json", *options(world, law, part),
-                          *(word for o in more for word in ("--set", o))], capture_output=True, text=True, check=False)
-    if job.returncode not in (0, 1) or not job.stdout:
-        sys.exit(f"{world} {law} {part}: {job.stderr}")
-    s = json.loads(job.stdout)
-    if s["supervisor"]["faults"]:
-        return None
-    return s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"]
+    return cell(page.run(esmc, "sim", SCENE, *options(world, law, part), *more))
 
 
 def instructions(esmc, law, part):
@@ -54,18 +53,10 @@ def instructions(esmc, law, part):
         out = f"{folder}/calls"
         subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--collect-atstart=no",
                         "--toggle-collect=esmc::Controller<esmc::FiveBar<double> >::tick*", esmc, "sim", SCENE, "--json",
-                        *options("delay", law, part), "--set", f"simulation.duration={TICKS / 1000}"],
+                        *(w for s in (*options("delay", law, part), f"simulation.duration={TICKS / 1000}") for w in ("--set", s))],
                        capture_output=True, text=True, check=True)
         total = int(re.search(r"^(?:summary|totals): (\d+)", Path(out).read_text(encoding="utf-8"), re.M)[1])
     return total / TICKS
-
-
-def cell(scored):
-    return "fault" if scored is None else f"{scored[0] * 1e6:.3g} um, {scored[1] * 1e3:.3g} mN m"
-
-
-def rows(esmc, cases):
-    return {case: cell(run(esmc, *case)) for case in cases}
 
 
 def cases(world):
@@ -74,7 +65,7 @@ def cases(world):
 
 def table(esmc):
     lines = ["| law | part | " + " | ".join(f"{w}" for w in WORLDS) + " | instructions |", "|---|---|" + "---|" * (len(WORLDS) + 1)]
-    found = rows(esmc, [case for world in WORLDS for case in cases(world)])
+    found = {case: run(esmc, *case) for world in WORLDS for case in cases(world)}
     for law in LAWS:
         for part in PARTS:
             shown = [found.get((world, law, part), "") for world in WORLDS]
@@ -86,7 +77,7 @@ def lambda_table(esmc):
     values = (40.0, 100.0, 200.0, 300.0, 600.0, 900.0)
     lines = ["| part | lambda = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
     for part in PARTS:
-        lines.append(f"| {part} | " + " | ".join(cell(run(esmc, "delay", "implicit", part, f"control.lambda={v}")) for v in values) + " |")
+        lines.append(f"| {part} | " + " | ".join(run(esmc, "delay", "implicit", part, f"control.lambda={v}") for v in values) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -95,7 +86,7 @@ def gain_table(esmc):
     values = (15.0, 150.0, 1500.0, 15000.0)
     lines = ["| environment | L = " + " | ".join(f"{v:g}" for v in values) + " |", "|---|" + "---|" * len(values)]
     for world in ("friction", "delay"):
-        lines.append(f"| {world} | " + " | ".join(cell(run(esmc, world, "super_twisting", "none", f"control.gain={v}")) for v in values) + " |")
+        lines.append(f"| {world} | " + " | ".join(run(esmc, world, "super_twisting", "none", f"control.gain={v}") for v in values) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -104,20 +95,9 @@ def coupled_table(esmc):
     scene = ROOT / "host_sim/scenes/five_bar_coupled.toml"
     lines = ["| gain of positions, of angles | `implicit` | `implicit_coupled` |", "|---|---|---|"]
     for gain in ("{position=150.0,angle=150.0}", "{position=4.0,angle=150.0}", "{position=15.0,angle=15.0}", "{position=4.0,angle=4.0}"):
-        cells = []
-        for law in ("implicit", "implicit_coupled"):
-            job = subprocess.run([esmc, "sim", scene, "--json", "--set", f"control.reaching={law}", "--set", f"control.gain={gain}"],
-                                 capture_output=True, text=True, check=False)
-            s = json.loads(job.stdout)
-            cells.append("fault" if s["supervisor"]["faults"] else cell((s["tracking"]["settled_rms_m"], s["torque"]["mean_abs_delta_nm"])))
+        cells = [cell(page.run(esmc, "sim", scene, f"control.reaching={law}", f"control.gain={gain}")) for law in ("implicit", "implicit_coupled")]
         lines.append(f"| {', '.join(re.findall(r'[0-9.]+', gain))} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def replace(text, name, new):
-    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-    before, rest = text.split(begin)
-    return before + begin + new + end + rest.split(end, 1)[1]
 
 
 def numbers(text):
@@ -126,7 +106,7 @@ def numbers(text):
 
 def check(esmc):
     shown = {}
-    for line in PAGE.read_text(encoding="utf-8").split("<!-- parts -->\n")[1].split("<!-- /parts -->")[0].splitlines()[2:]:
+    for line in page.part(PAGE, "parts").splitlines()[2:]:
         fields = [f.strip() for f in line.strip("|").split("|")]
         for world, text in zip(WORLDS, fields[2:]):
             shown[world, fields[0].strip("`"), fields[1]] = text
@@ -138,7 +118,7 @@ def check(esmc):
             wrong.append(f"{law} {part}: {now:.0f} instructions, the page has {shown[law, part]:.0f}")
     for case in (("friction", "implicit", "none"), ("friction", "implicit", "observer"), ("delay", "super_twisting", "none"),
                  ("delay", "implicit_coupled", "both"), ("encoders", "implicit", "predictor")):
-        now = cell(run(esmc, *case))
+        now = run(esmc, *case)
         a, b = numbers(now), numbers(shown[case])
         if len(a) != len(b) or any(abs(x - y) > TOLERANCE * max(x, y) for x, y in zip(a, b)):
             wrong.append(f"{' '.join(case)}: {now}, the page has {shown[case]}")
@@ -149,10 +129,7 @@ def check(esmc):
 def main(esmc):
     if "--check" in sys.argv:
         return check(esmc)
-    text = PAGE.read_text(encoding="utf-8")
-    for name, make in (("coupled", coupled_table), ("parts", table), ("lambda", lambda_table), ("gain", gain_table)):
-        text = replace(text, name, make(esmc))
-    PAGE.write_text(text, encoding="utf-8")
+    page.put(PAGE, {"coupled": coupled_table(esmc), "parts": table(esmc), "lambda": lambda_table(esmc), "gain": gain_table(esmc)})
     return 0
 
 

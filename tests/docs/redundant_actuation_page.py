@@ -5,13 +5,11 @@ usage: redundant_actuation_page.py ESMC            writes
        redundant_actuation_page.py ESMC --check    runs a part of it again: its rows must be there, and what the page concludes must hold
 """
 import concurrent.futures
-import csv
-import json
 import math
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
+
+import page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/redundant-actuation.md"
@@ -24,17 +22,7 @@ GAINS = tuple((p, gain, delay) for gain, delay in ((5.0, 5), (15.0, 5), (40.0, 5
 
 def run(scene, *sets):
     """Summary and rows of a run."""
-    with tempfile.TemporaryDirectory() as folder:
-        args = [ESMC, "sim", str(SCENES / scene), "--json", "--out", folder] + [a for s in sets for a in ("--set", s)]
-        done = subprocess.run(args, capture_output=True, text=True, check=False)
-        if done.returncode not in (0, 1) or not done.stdout:
-            sys.exit(f"{args}: {done.stderr}")
-        with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as f:
-            return json.loads(done.stdout), list(csv.DictReader(f))
-
-
-def numbers(rows, name):
-    return [float(r[name]) for r in rows]
+    return page.run(ESMC, "sim", SCENES / scene, *sets, log=True)
 
 
 def preload_row(gap, preload, gain=15.0, delay=10):
@@ -46,11 +34,11 @@ def preload_row(gap, preload, gain=15.0, delay=10):
     if gap > 0:
         effects += f', {{type="backlash", gap={gap}}}'
     summary, rows = run("five_bar_preload.toml", *sets, "effects=" + effects + "]")
-    late = [r for r in rows if float(r["t"]) >= 0.5]
-    torque = {m: numbers(late, m) for m in MOTORS}
+    late = [r for r in rows if r["t"] >= 0.5]
+    torque = {m: [r[m] for r in late] for m in MOTORS}
     turns = sum(sum(1 for a, b in zip(t, t[1:]) if a * b < 0) for t in torque.values())
-    error = [1e3 * math.hypot(float(r["x"]) - float(r["x_ref"]), float(r["y"]) - float(r["y_ref"])) for r in late]
-    seconds = float(late[-1]["t"]) - float(late[0]["t"])
+    error = [1e3 * math.hypot(r["x"] - r["x_ref"], r["y"] - r["y_ref"]) for r in late]
+    seconds = late[-1]["t"] - late[0]["t"]
     change = sum(sum(abs(b - a) for a, b in zip(t, t[1:])) for t in torque.values()) / (4 * (len(late) - 1))
     return {"gap": gap, "preload": preload, "gain": gain, "delay": delay, "turns": turns / seconds, "rms": math.sqrt(sum(e * e for e in error) / len(error)), "max": max(error),
             "change": change, "heat": sum(sum(x * x for x in t) for t in torque.values()) / len(late), "most": max(max(map(abs, t)) for t in torque.values()),
@@ -80,15 +68,15 @@ def type2_row(name, *sets):
     for where in ("near", "away"):
         part = []
         for r in rows:
-            if faults and float(r["t"]) >= fault_t:
+            if faults and r["t"] >= fault_t:
                 break
-            d2 = math.sin(sum(float(r[j]) for j in ("theta11", "theta12", "theta21", "theta22")))
+            d2 = math.sin(sum(r[j] for j in ("theta11", "theta12", "theta21", "theta22")))
             if (abs(d2) < 0.1) == (where == "near"):
                 part.append(r)
         out[where] = {
             "ticks": len(part),
-            "error": max((1e6 * math.hypot(float(r["x"]) - float(r["x_ref"]), float(r["y"]) - float(r["y_ref"])) for r in part), default=math.nan),
-            "torque": max((abs(float(r[m])) for r in part for m in MOTORS if m in r), default=math.nan)}
+            "error": max((1e6 * math.hypot(r["x"] - r["x_ref"], r["y"] - r["y_ref"]) for r in part), default=math.nan),
+            "torque": max((abs(r[m]) for r in part for m in MOTORS if m in r), default=math.nan)}
     return out
 
 
@@ -105,12 +93,6 @@ TYPE2 = (("four motors", ()),
          ("four motors, masses of the model 10 % too small", ("control.model={m1=0.9, m2=0.9}",)),
          ("four motors, encoders of 16 bits", ('effects=[{type="encoder", bits=16}]', "control.delay_ticks=2", "control.gain=40.0")),
          ("two motors", ("control.motors=base", "control.torque_limit=2.0", "sensors={nodes=[3, 4]}", "drives.nodes=[1, 2]")))
-
-
-def put(text, name, table):
-    begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-    before, rest = text.split(begin)
-    return before + begin + table + end + rest.split(end)[1]
 
 
 def conclusions(preload, type2):
@@ -136,16 +118,15 @@ def main():
         gains = list(pool.map(lambda c: preload_row(0.002, *c), GAINS[:2] if check else GAINS))
         type2 = list(pool.map(lambda c: type2_row(c[0], *c[1]), TYPE2))
     conclusions(preload, type2)
-    text = PAGE.read_text(encoding="utf-8")
+    tables = {"preload": preload_table(preload), "gains": gains_table(gains), "type2": type2_table(type2)}
     if check:
-        for line in (preload_table(preload) + gains_table(gains) + type2_table(type2)).splitlines():
+        text = PAGE.read_text(encoding="utf-8")
+        for line in "".join(tables.values()).splitlines():
             if line not in text:
                 sys.exit(f"docs/redundant-actuation.md has no line\n{line}\n{Path(__file__).name} ESMC writes it")
         print("as on the page")
         return
-    for name, table in (("preload", preload_table(preload)), ("gains", gains_table(gains)), ("type2", type2_table(type2))):
-        text = put(text, name, table)
-    PAGE.write_text(text, encoding="utf-8")
+    page.put(PAGE, tables)
 
 
 if __name__ == "__main__":

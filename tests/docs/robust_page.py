@@ -11,23 +11,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import page
+
 PAGE = Path(__file__).resolve().parents[2] / "docs/robust-design.md"
-BEGIN, END = "<!-- study -->\n", "<!-- /study -->"
 HEAD = ("| mechanism | law | designs | random trials | climbs | violations | needed / used: least | median | largest |\n"
         "|---|---|---|---|---|---|---|---|---|\n")
 EXACT = ("`esmc_projected`", "`smc`")
 
 
-def write(rows):
-    text = PAGE.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    PAGE.write_text(before + BEGIN + HEAD + rows + END + after, encoding="utf-8")
-
-
 def broken():
-    table = PAGE.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
-    rows = [[c.strip() for c in line.strip("| \n").split("|")] for line in table.splitlines()[2:]]
+    rows = [[c.strip() for c in line.strip("| \n").split("|")] for line in page.part(PAGE, "study").splitlines()[2:]]
     promised = [r for r in rows if r[1] in EXACT]
     if len(promised) != 4:
         yield "docs/robust-design.md: the table of the study lacks rows"
@@ -48,7 +41,7 @@ def main():
         return 2
     run = subprocess.run(sys.argv[3:], capture_output=True, text=True, check=True)
     rows = "".join(line + "\n" for line in run.stdout.splitlines() if re.match(r"\| \w", line))
-    write(rows)
+    page.put(PAGE, {"study": HEAD + rows})
     return 0
 
 

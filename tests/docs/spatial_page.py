@@ -3,15 +3,13 @@
 
 usage: spatial_page.py ESMC              runs everything and compares with docs
        spatial_page.py ESMC --update     writes the key table, the tables and the pictures anew"""
-import csv
-import json
 import math
 import re
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
+import page
 from effect_figures import same as same_picture
 from effect_figures import svg
 
@@ -37,20 +35,11 @@ HALF_TURN = ['reference={type="hold"}', "initial.position=[0,0,0]", "initial.rot
 
 
 def run(esmc, scene, sets, *more):
-    command = [esmc, "spatial", SCENES / f"{scene}.toml", "--json", *more]
-    for s in sets:
-        command += ["--set", s]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-    if done.returncode not in (0, 1) or not done.stdout:
-        raise SystemExit(f"{' '.join(map(str, command))}\n{done.stderr}")
-    return json.loads(done.stdout)
+    return page.run(esmc, "spatial", SCENES / f"{scene}.toml", *sets, more=more)
 
 
 def rows(esmc, scene, sets, *more):
-    with tempfile.TemporaryDirectory() as folder:
-        run(esmc, scene, sets, "--out", folder, *more)
-        with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as log:
-            return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(log)]
+    return page.run(esmc, "spatial", SCENES / f"{scene}.toml", *sets, log=True, more=more)[1]
 
 
 def laws(esmc):
@@ -124,20 +113,15 @@ def main():
         print(__doc__, file=sys.stderr)
         return 2
     esmc, update, failed = arguments[0], "--update" in sys.argv, 0
-    text = PAGE.read_text(encoding="utf-8")
     keys = subprocess.run([esmc, "keys", "spatial"], capture_output=True, text=True, check=True).stdout
-    for name, table in (("laws", "\n".join(laws(esmc)) + "\n"), ("pole", "\n".join(pole(esmc)) + "\n"),
-                        ("half turn", "\n".join(half_turn(esmc)) + "\n"), ("keys", keys)):
-        begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
-        before, rest = text.split(begin)
-        old, after = rest.split(end)
-        if update:
-            text = before + begin + table + end + after
-        elif not same(old, table):
+    tables = {name: "\n".join(make(esmc)) + "\n" for name, make in (("laws", laws), ("pole", pole), ("half turn", half_turn))} | {"keys": keys}
+    if update:
+        page.put(PAGE, tables)
+    for name, table in tables.items():
+        if not same(page.part(PAGE, name), table):
             failed += 1
             print(f"docs/spatial.md, {name}: not what the program does: spatial_page.py ESMC --update\n{table}")
-    if update:
-        PAGE.write_text(text, encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     for name, picture in pictures(esmc):
         file = IMAGES / f"{name}.svg"
         if update:

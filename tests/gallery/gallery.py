@@ -18,11 +18,11 @@ sys.path[:0] = [str(HERE), str(ROOT / "tests/docs")]
 
 import joint_cases  # noqa: E402
 import mechanism_cases  # noqa: E402
+import page  # noqa: E402
 from effect_figures import same as same_picture, svg  # noqa: E402
 from run import Program  # noqa: E402
 
 PAGE, IMAGES = ROOT / "docs/gallery.md", ROOT / "docs/images"
-BEGIN, END = "<!-- gallery -->\n", "<!-- /gallery -->"
 POINTS = 250
 DIVERGED = 1e6  # of anything that is measured here
 
@@ -103,19 +103,15 @@ def known_tests():
     cmake = (ROOT / "tests/CMakeLists.txt").read_text(encoding="utf-8")
     names = {f"{suite}.{name}" for suite, name in re.findall(r"^TEST(?:_F|_P)?\((\w+), (\w+)\)", units, re.M)}
     names |= set(re.findall(r"(?:add_test\(NAME|long_test_if_sanitized\(|long_test\(|unit_test\(|add_custom_target\()\s*([\w.]+)", cmake))
-    return names | {f"cli.{n}" for line in re.findall(r"^set\(checks ([^)]*)\)", cmake, re.M) for n in line.split()}
+    return names | {f"cli.{n}" for line in re.findall(r"(?:set\(|list\(APPEND )checks ([^)]*)\)", cmake) for n in line.split()} | {
+        f"cli.{n}" for n in re.findall(r"cli_command\((\w+)", cmake)}
 
 
 def check_page(rows, results, update):
-    text = PAGE.read_text(encoding="utf-8")
-    if text.count(BEGIN) != 1 or text.count(END) != 1:
-        yield f"docs/gallery.md needs {BEGIN.strip()} and {END} once each"
-        return
-    head, rest = text.split(BEGIN)
-    shown, tail = rest.split(END)
+    _, shown, tail = page.cut(PAGE.read_text(encoding="utf-8"), "gallery")
     made = table(rows, results) + "".join(section(n, r) for n, r in rows.items()) + "\n"
     if update:
-        PAGE.write_text(head + BEGIN + made + END + tail, encoding="utf-8")
+        page.put(PAGE, {"gallery": made})
     elif not same_text(shown, made):
         yield "docs/gallery.md is not what comes out: gallery.py ESMC --update"
     for name, row in rows.items():

@@ -1,10 +1,10 @@
 """Runs of the program for the gallery."""
-import csv
 import json
 import math
 import subprocess
-import tempfile
 from pathlib import Path
+
+import page
 
 ROOT = Path(__file__).resolve().parents[2]
 WHEEL = ROOT / "tests/gallery/wheel.toml"
@@ -24,17 +24,7 @@ class Program:
         return subprocess.run([Path(self.esmc).parent / name], capture_output=True, text=True, check=True).stdout
 
     def summary(self, scene, *sets, log=False):
-        """Summary of a run; with log also its rows as numbers."""
-        with tempfile.TemporaryDirectory() as folder:
-            command = [self.esmc, "sim", str(scene), "--json"] + [word for s in sets for word in ("--set", s)]
-            done = subprocess.run(command + (["--out", folder] if log else []), capture_output=True, text=True, check=False)
-            if done.returncode not in (0, 1) or not done.stdout:
-                raise SystemExit(f"{' '.join(command)}\n{done.stderr}")
-            summary = json.loads(done.stdout)
-            if not log:
-                return summary
-            with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as rows:
-                return summary, [{k: float(v) for k, v in row.items() if k != "state"} for row in csv.DictReader(rows)]
+        return page.run(self.esmc, "sim", scene, *sets, log=log)
 
     def refusal(self, scene, *sets):
         """The line of a run that is refused (exit 1); empty where it is not."""

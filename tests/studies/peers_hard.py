@@ -14,10 +14,9 @@ sys.path.insert(0, str(ROOT / "tests/gallery"))
 
 import joint_cases  # noqa: E402
 import mechanism_cases  # noqa: E402
-from gallery import case_list  # noqa: E402
-from run import Program  # noqa: E402
+from gallery import Program, case_list, page  # noqa: E402
 
-PAGE, BEGIN, END = ROOT / "docs/gallery.md", "<!-- peers -->\n", "<!-- /peers -->"
+PAGE = ROOT / "docs/gallery.md"
 
 
 class Recorder(Program):
@@ -170,9 +169,7 @@ def main():
         print(f"{name}: {how}: {value:.2g}, allowed {allowed:.2g}{'' if value <= allowed else ' FAILED'}", flush=True)
         made += f"| `{name}` | {how} | {value:.2g} |\n"
     if "--update" in sys.argv:
-        text = PAGE.read_text(encoding="utf-8")
-        head, rest = text.split(BEGIN)
-        PAGE.write_text(head + BEGIN + made + END + rest.split(END)[1], encoding="utf-8")
+        page.put(PAGE, {"peers": made})
     return 1 if failed else 0
 
 
