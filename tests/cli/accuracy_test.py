@@ -1,38 +1,21 @@
 #!/usr/bin/env python3
 """simulation.accuracy from outside: cases that went wrong once, what is refused, what the summary says.
-usage: accuracy_test.py ESMC SCENES"""
-import csv
-import json
+usage: accuracy_test.py ESMC"""
 import math
-import subprocess
-import sys
-import tempfile
-import unittest
-from pathlib import Path
+
+from command import SCENES, Case, esmc, main, read_table, sets
 
 ARM = ['control.law=none', 'reference={type="hold"}', "initial.joints=[0.3,0.7]", "simulation.duration=1"]
 FRICTION = '{type="coulomb_friction",torque=[0.5,0.2]}'
 SMOOTH = FRICTION.replace("}", ",regularised=1e-3}")
 
 
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, check=False)
-
-
-def sets(values):
-    return [word for v in values for word in ("--set", v)]
-
-
-class Accuracy(unittest.TestCase):
+class Accuracy(Case):
     def run_sim(self, scene, *values, command="sim"):
-        r = esmc(command, Path(SCENES, scene), "--json", *sets(values))
-        self.assertEqual((r.returncode, r.stderr), (0, ""))
-        return json.loads(r.stdout)
+        return self.document(command, SCENES / scene, *sets(*values))
 
-    def refused(self, scene, *values, word, command="sim", code=1):
-        r = esmc(command, Path(SCENES, scene), *sets(values))
-        self.assertEqual((r.returncode, r.stdout, r.stderr.count("\n")), (code, "", 1), r.stderr)
-        self.assertIn(word, r.stderr)
+    def fails(self, scene, *values, word, command="sim", code=1):
+        self.refused(esmc(command, SCENES / scene, *sets(*values)), word, code=code)
 
     def off(self, run, truth):
         return max(abs(a - b) for a, b in zip(run["final_state"]["q"], truth, strict=True))
@@ -85,14 +68,11 @@ class Accuracy(unittest.TestCase):
         stops = '{type="end_stops",lower=[-1.0,-0.5],upper=[1.0,2.0],restitution=0.4}'
         rows = {}
         for asked in ("1e-8", "1e-4"):
-            with tempfile.TemporaryDirectory() as folder:
-                out = Path(folder, "out")
-                r = esmc("sim", Path(SCENES, "rr_line.toml"), "--out", out, "--json",
-                         *sets([*ARM, f"effects=[{FRICTION},{stops}]", f"simulation.accuracy={asked}", "simulation.accuracy_of=trajectory"]))
-                self.assertEqual((r.returncode, r.stderr), (0, ""))
-                self.assertEqual(json.loads(r.stdout)["accuracy"]["of"], "trajectory")
-                with open(out / "log.csv", newline="", encoding="utf-8") as f:
-                    rows[asked] = [(float(row["theta1"]), float(row["theta2"])) for row in csv.DictReader(f)]
+            out = self.tmp / asked
+            run = self.document("sim", SCENES / "rr_line.toml", "--out", out, *sets(*ARM, f"effects=[{FRICTION},{stops}]", f"simulation.accuracy={asked}",
+                                                                                   "simulation.accuracy_of=trajectory"))
+            self.assertEqual(run["accuracy"]["of"], "trajectory")
+            rows[asked] = [(float(row["theta1"]), float(row["theta2"])) for row in read_table(out / "log.csv")]
         self.assertEqual(len(rows["1e-8"]), 1000)
         self.assertLess(max(math.dist(a, b) for a, b in zip(rows["1e-8"], rows["1e-4"], strict=True)), 1e-4)
 
@@ -103,9 +83,9 @@ class Accuracy(unittest.TestCase):
         self.assertEqual(run["final_state"]["qd"], [0.0, 0.0])
 
     def test_what_the_scene_does_not_decide_is_refused(self):
-        self.refused("five_bar_circle.toml", "control.law=none", "simulation.duration=5", "simulation.accuracy=1e-9", word="ill_posed")
+        self.fails("five_bar_circle.toml", "control.law=none", "simulation.duration=5", "simulation.accuracy=1e-9", word="ill_posed")
         # A loop that rings against its limits: passes from the same start agree, one from a start beside it does not.
-        self.refused("five_bar_circle.toml", 'reference={type="hold",position=[0.02,0.2]}', "initial.position=[0.02,0.2]", 'effects=[{type="delay",ticks=2}]',
+        self.fails("five_bar_circle.toml", 'reference={type="hold",position=[0.02,0.2]}', "initial.position=[0.02,0.2]", 'effects=[{type="delay",ticks=2}]',
                      "simulation.accuracy=1e-6", word="ill_posed")
 
     def test_a_bus_carries_single_precision(self):
@@ -113,10 +93,9 @@ class Accuracy(unittest.TestCase):
         self.assertLessEqual(run["accuracy"]["estimated"], 1e-6)
         fine = self.run_sim("five_bar_circle.toml", "simulation.duration=0.2", "simulation.step=1e-5", command="hil")
         self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
-        self.refused("five_bar_circle.toml", "simulation.accuracy=1e-7", word="32-bit", command="hil")
-        self.refused("five_bar_circle.toml", "simulation.accuracy_of=end", word="needs 'accuracy'", code=2)
+        self.fails("five_bar_circle.toml", "simulation.accuracy=1e-7", word="32-bit", command="hil")
+        self.fails("five_bar_circle.toml", "simulation.accuracy_of=end", word="needs 'accuracy'", code=2)
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

@@ -1,12 +1,9 @@
 #!/usr/bin/python3
 """Every working mode up to the workspace boundary, where leg 1 is nearly stretched: tracked as well as anywhere while the
-guard allows it, and named where it does not. usage: boundary_test.py ESMC SCENE"""
-import json
+guard allows it, and named where it does not. usage: boundary_test.py ESMC"""
 import math
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
+
+from command import CIRCLE, Case, main, sets
 
 L1, L2, HALF_BASE, LIMIT = 0.12, 0.16, 0.05, 0.02  # of the scene; the last one is limits.min_abs_sin_type1
 
@@ -18,28 +15,26 @@ def near_boundary(sine):
     return HALF_BASE + reach * math.cos(angle), reach * math.sin(angle)
 
 
-def run(esmc, scene, mode, sine):
-    x, y = near_boundary(sine)
-    line = f'reference={{type="line", from=[-0.03, 0.2], to=[{x!r}, {y!r}], duration=1.0}}'
-    done = subprocess.run([esmc, "sim", scene, "--json", "--set", f"mechanism.working_mode={mode}", "--set", line,
-                           "--set", "simulation.duration=1.2", "--set", "mechanism.gravity=0"], capture_output=True, text=True)
-    assert done.stdout, done.stderr
-    return json.loads(done.stdout)
+class Boundary(Case):
+    def run_to(self, sine, mode, code=0):
+        x, y = near_boundary(sine)
+        free = self.tmp / "free.toml"  # the assembly mode follows from the start in each working mode
+        free.write_text("\n".join(line for line in CIRCLE.read_text().splitlines() if not line.startswith("assembly_mode")))
+        line = f'reference={{type="line", from=[-0.03, 0.2], to=[{x!r}, {y!r}], duration=1.0}}'
+        return self.document("sim", free, *sets(f"mechanism.working_mode={mode}", line, "simulation.duration=1.2", "mechanism.gravity=0"), code=code)
 
+    def fault(self, sine, mode):
+        return [f["name"] for f in self.run_to(sine, mode, code=1)["supervisor"]["faults"]]
 
-def main():
-    esmc, scene = sys.argv[1:3]
-    with tempfile.TemporaryDirectory() as folder:
-        free = Path(folder) / "free.toml"  # the assembly mode follows from the start in each working mode
-        free.write_text("\n".join(line for line in Path(scene).read_text().splitlines() if not line.startswith("assembly_mode")))
+    def test_every_mode_up_to_the_boundary(self):
         for mode in ('["+","+"]', '["+","-"]', '["-","+"]'):
             for sine in (0.1, 0.05, 0.03):
-                d = run(esmc, free, mode, sine)
-                assert d["supervisor"]["faults"] == [], (mode, sine, d["supervisor"])
-                assert d["tracking"]["settled_max_m"] < 1e-7, (mode, sine, d["tracking"])
-            assert [f["name"] for f in run(esmc, free, mode, LIMIT / 2)["supervisor"]["faults"]] == ["type1_singularity"], mode
+                d = self.run_to(sine, mode)
+                self.assertEqual(d["supervisor"]["faults"], [], (mode, sine))
+                self.assertLess(d["tracking"]["settled_max_m"], 1e-7, (mode, sine))
+            self.assertEqual(self.fault(LIMIT / 2, mode), ["type1_singularity"], mode)
         # With both elbows inwards this line crosses type 2 first: refused by name, too.
-        assert [f["name"] for f in run(esmc, free, '["-","-"]', 0.1)["supervisor"]["faults"]] == ["type2_singularity"]
+        self.assertEqual(self.fault(0.1, '["-","-"]'), ["type2_singularity"])
 
 
 if __name__ == "__main__":

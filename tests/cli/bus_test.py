@@ -1,42 +1,36 @@
 #!/usr/bin/python3
 """Effects of the bus from outside: what a run with them does, says and refuses.
 
-usage: bus_test.py ESMC SCENES"""
-import csv
+usage: bus_test.py ESMC"""
 import json
 import re
-import subprocess
-import sys
 import tempfile
-import unittest
 from pathlib import Path
 
-ESMC, SCENES = sys.argv[1], Path(sys.argv[2])
-CIRCLE = str(SCENES / "five_bar_circle.toml")
+from command import CIRCLE, Case, esmc, main, read_table, sets
+
 TIMED = '{type="bit_timing"}'
 
 
-def esmc(*arguments):
-    return subprocess.run([ESMC, *arguments], capture_output=True, text=True, check=False)
-
-
-def hil(*effects, sets=(), seed=1, out=None):
-    arguments = ["hil", CIRCLE, "--json", "--seed", str(seed), "--set", f"effects=[{', '.join(effects)}]",
-                 "--set", "simulation.duration=0.6"]
-    for s in sets:
-        arguments += ["--set", s]
-    if out:
-        arguments += ["--out", out]
-    done = esmc(*arguments)
+def hil(*effects, values=(), seed=1, out=None):
+    done = esmc("hil", CIRCLE, "--json", "--seed", seed, *sets(f"effects=[{', '.join(effects)}]", "simulation.duration=0.6", *values), *(["--out", out] if out else []))
     return json.loads(done.stdout), done.returncode
 
 
-def recorded(*effects, sets=()):
+def checked(*values):
+    return json.loads(esmc("check", CIRCLE, "--json", *sets(*values)).stdout)
+
+
+def latest(*values):
+    """By identifier, what `esmc check` says."""
+    return {m["id"]: m["response_s"] for m in checked(*values)["bus"]["messages"]}
+
+
+def recorded(*effects):
     """Summary, rows of log.csv, frames of frames.log: (s, identifier, bytes)."""
     with tempfile.TemporaryDirectory() as folder:
-        summary, _ = hil(*effects, sets=sets, out=folder)
-        with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as f:
-            rows = list(csv.DictReader(f))
+        summary, _ = hil(*effects, out=folder)
+        rows = read_table(Path(folder, "log.csv"))
         lines = Path(folder, "frames.log").read_text(encoding="ascii").splitlines()
     frames = []
     for line in lines:
@@ -65,7 +59,7 @@ def length(identifier, data):
     return n + 10
 
 
-class Bus(unittest.TestCase):
+class Bus(Case):
     def test_a_scene_without_them_is_what_it_was(self):
         plain = json.loads(esmc("hil", CIRCLE, "--json").stdout)
         self.assertEqual(plain["digest"], "f63c5900ff4b4e2b")
@@ -100,8 +94,7 @@ class Bus(unittest.TestCase):
 
     def test_nothing_is_later_than_check_says(self):
         for effects in (TIMED, f'{TIMED}, {{type="babbling_node", identifier=2000, rate_hz=900}}'):
-            bound = {m["id"]: m["response_s"] for m in json.loads(
-                esmc("check", CIRCLE, "--json", "--set", f"effects=[{effects}]").stdout)["bus"]["messages"]}
+            bound = latest(f"effects=[{effects}]")
             seen = {m["id"]: m for m in hil(effects)[0]["bus"]["messages"]}
             for identifier, limit in bound.items():
                 self.assertLessEqual(seen[identifier]["latency_max_s"], limit)
@@ -109,17 +102,16 @@ class Bus(unittest.TestCase):
 
     def test_every_protocol_runs_on_a_bus_that_takes_time(self):
         for protocol in ("odrive_0.5", "cia402", "mit", "moteus"):
-            sets = [f"drives.protocol={protocol}"] + (["drives.master_id=[16, 17]"] if protocol == "mit" else [])
-            summary, status = hil(TIMED, sets=sets)
+            values = [f"drives.protocol={protocol}"] + (["drives.master_id=[16, 17]"] if protocol == "mit" else [])
+            summary, status = hil(TIMED, values=values)
             self.assertEqual((status, summary["bus"]["errors"], summary["bus"]["lost"]), (0, 0, 0), protocol)
-            bound = {m["id"]: m["response_s"] for m in json.loads(
-                esmc("check", CIRCLE, "--json", *[a for s in sets for a in ("--set", s)]).stdout)["bus"]["messages"]}
+            bound = latest(*values)
             for m in summary["bus"]["messages"]:
                 if m["id"] in bound:  # not what arming takes
                     self.assertLessEqual(m["latency_max_s"], bound[m["id"]], (protocol, hex(m["id"])))
 
     def test_two_drives_that_answer_alike_collide(self):
-        summary, status = hil(TIMED, sets=["drives.protocol=mit"])
+        summary, status = hil(TIMED, values=["drives.protocol=mit"])
         self.assertNotEqual(status, 0)
         self.assertGreaterEqual(summary["bus"]["errors"], 16)
 
@@ -194,11 +186,7 @@ class Bus(unittest.TestCase):
     def test_where_they_cannot_act_they_are_refused(self):
         for command in (["sim"], ["hil", "--bus", "socketcan:vcan0"], ["plant", "--bus", "socketcan:vcan0"],
                         ["controller", "--bus", "socketcan:vcan0"], ["hil", "--bus", "socketcan:vcan0", "--realtime"]):
-            done = esmc(command[0], CIRCLE, *command[1:], "--set", f"effects=[{TIMED}]")
-            self.assertEqual(done.returncode, 2, command)
-            self.assertEqual(done.stdout, "")
-            self.assertEqual(len(done.stderr.splitlines()), 1)
-            self.assertIn("effect 'bit_timing' cannot act", done.stderr)
+            self.refused(esmc(command[0], CIRCLE, *command[1:], "--set", f"effects=[{TIMED}]"), "effect 'bit_timing' cannot act")
 
     def test_wrong_parameters(self):
         for effects, words in (('{type="loss"}', "probability"), ('{type="loss", probability=1.5}', "probability"),
@@ -210,23 +198,19 @@ class Bus(unittest.TestCase):
                                ('{type="bus_off", at=0.1, drive=4}', "2 entries"),
                                ('{type="loss", probability=0.1, from=2, to=1}', "later than from"),
                                ('{type="bit_timing", speed=2}', "speed")):
-            done = esmc("hil", CIRCLE, "--set", f"effects=[{effects}]")
-            self.assertEqual((done.returncode, len(done.stderr.splitlines())), (2, 1), effects)
-            self.assertIn(words, done.stderr)
+            self.refused(esmc("hil", CIRCLE, "--set", f"effects=[{effects}]"), words)
 
     def test_check_warns_of_orders_that_go_before_the_drives(self):
         def warned(base, nodes):
-            sets = ["command={base_id=%d, speed=0.5, acceleration=5.0}" % base, "drives.nodes=%s" % nodes]
-            done = esmc("check", CIRCLE, "--json", *[a for s in sets for a in ("--set", s)])
-            return [f["text"] for f in json.loads(done.stdout)["findings"] if "command.base_id" in f["text"]]
+            found = checked("command={base_id=%d, speed=0.5, acceleration=5.0}" % base, "drives.nodes=%s" % nodes)["findings"]
+            return [f["text"] for f in found if "command.base_id" in f["text"]]
         self.assertEqual(len(warned(0x20, [5, 6])), 1)
         self.assertIn("0x20 comes before drive frames", warned(0x20, [5, 6])[0])
         self.assertEqual(warned(0x700, [5, 6]), [])
 
     def test_check_warns_where_a_message_is_later_than_a_tick(self):
-        def findings(*sets):
-            arguments = [a for s in sets for a in ("--set", s)]
-            return [f["text"] for f in json.loads(esmc("check", CIRCLE, "--json", *arguments).stdout)["findings"]]
+        def findings(*values):
+            return [f["text"] for f in checked(*values)["findings"]]
         self.assertEqual(findings(), [])
         self.assertTrue(any("identifier 0x4E" in f and "due after 1000 us" in f for f in findings("bus.bitrate=800000")))
         self.assertFalse(any("0x21" in f for f in findings("bus.bitrate=800000")))  # heartbeats have ten ticks
@@ -243,4 +227,4 @@ class Bus(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -1,33 +1,19 @@
 #!/usr/bin/env python3
-"""`esmc compare`, against the files of the runs themselves. usage: compare_test.py ESMC SCENES_DIR [unittest args]"""
-import csv
+"""`esmc compare`, against the files of the runs themselves. usage: compare_test.py ESMC [unittest args]"""
 import json
-import subprocess
-import sys
 import tempfile
 import unittest
 from pathlib import Path
 
-ESMC = SCENES = ""
-
-
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
+from command import FRICTION, esmc, main, read_table, sets
 
 
 class Compare(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory()
-        cls.tmp = Path(cls.folder.name)
-        scene = Path(SCENES, "five_bar_friction.toml")
-        for name, *sets in (("a",), ("same",), ("b", "control.lambda=41", "effects=[]"), ("short", "simulation.duration=0.4"), ("four", "control.motors=all")):
-            command = ["sim", scene, "--out", cls.tmp / name, "--set", "simulation.duration=0.5"]
-            assert esmc(*command, *(x for s in sets for x in ("--set", s))).returncode == 0, name
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
+        cls.tmp = Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
+        for name, *values in (("a",), ("same",), ("b", "control.lambda=41", "effects=[]"), ("short", "simulation.duration=0.4"), ("four", "control.motors=all")):
+            assert esmc("sim", FRICTION, "--out", cls.tmp / name, *sets("simulation.duration=0.5", *values)).returncode == 0, name
 
     def compare(self, a, b, *args, code=0):
         run = esmc("compare", self.tmp / a, self.tmp / b, "--json", *args)
@@ -35,8 +21,7 @@ class Compare(unittest.TestCase):
         return json.loads(run.stdout)
 
     def rows(self, name):
-        with open(self.tmp / name / "log.csv", newline="", encoding="utf-8") as f:
-            return list(csv.DictReader(f))
+        return read_table(self.tmp / name / "log.csv")
 
     def test_a_run_is_like_itself(self):
         j = self.compare("a", "same")
@@ -83,5 +68,4 @@ class Compare(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

@@ -1,23 +1,15 @@
 #!/usr/bin/env python3
-"""The command line as design contracts it, tried from outside. usage: contract_test.py ESMC SCENES_DIR [unittest args]"""
-import csv
+"""The command line as design contracts it, tried from outside. usage: contract_test.py ESMC [unittest args]"""
 import json
 import math
 import struct
-import subprocess
-import sys
-import tempfile
-import unittest
 from pathlib import Path
 
-ESMC = SCENES = ""
+from command import ARM, CIRCLE, FRICTION, SCENES, Case, esmc, main, read_table
+
 KEYS = ["scene", "seed", "duration_s", "ticks", "wall_s", "real_time_factor", "law", "active_effects", "state_dimension",
         "tracking", "torque", "closure", "energy", "bus", "supervisor", "final_state", "digest"]
 TRACKING = [a + b for b in ("_m", "_rad") for a in ("rms", "max", "settled_rms", "settled_max")]
-
-
-def esmc(*args, stdin=None):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, input=stdin, timeout=120)
 
 
 def fnv(values):
@@ -27,25 +19,9 @@ def fnv(values):
     return h
 
 
-class Runs(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-
-    def tearDown(self):
-        self.folder.cleanup()
-
-    def scene(self, name):
-        return Path(SCENES, name + ".toml")
-
-    def summary(self, *args):
-        run = esmc(*args, "--json")
-        self.assertEqual(run.returncode, 0, run.stderr)
-        self.assertEqual(run.stderr, "")
-        return json.loads(run.stdout)
-
+class Runs(Case):
     def test_the_demo_tracks_the_comparison_circle_through_frames(self):
-        a, b = (self.summary("hil", self.scene("five_bar_circle")) for _ in range(2))
+        a, b = (self.document("hil", CIRCLE) for _ in range(2))
         for key in KEYS:
             self.assertIn(key, a)
         for key in TRACKING:
@@ -60,11 +36,10 @@ class Runs(unittest.TestCase):
         self.assertEqual(a["digest"], b["digest"])
 
     def test_digest_and_errors_follow_from_the_log(self):
-        for command, name in (("sim", "five_bar_circle"), ("hil", "five_bar_friction"), ("hil", "rr_line")):
-            out = self.tmp / (command + name)
-            s = self.summary(command, self.scene(name), "--out", out, "--set", "simulation.duration=0.5")
-            with open(out / "log.csv", newline="", encoding="utf-8") as f:
-                rows = list(csv.DictReader(f))
+        for command, scene in (("sim", CIRCLE), ("hil", FRICTION), ("hil", ARM)):
+            out = self.tmp / (command + scene.stem)
+            s = self.document(command, scene, "--out", out, "--set", "simulation.duration=0.5")
+            rows = read_table(out / "log.csv")
             self.assertEqual(len(rows), s["ticks"])
             five_bar = "theta11" in rows[0]
             q = ["x", "y", "theta11", "theta12", "theta21", "theta22"] if five_bar else ["theta1", "theta2"]
@@ -85,16 +60,16 @@ class Runs(unittest.TestCase):
             self.assertEqual(json.loads((out / "summary.json").read_text())["digest"], s["digest"])
 
     def test_the_scene_as_run_repeats_the_run(self):
-        first = self.summary("sim", self.scene("five_bar_friction"), "--out", self.tmp / "a", "--set", "control.gain=35.0",
+        first = self.document("sim", FRICTION, "--out", self.tmp / "a", "--set", "control.gain=35.0",
                              "--set", "control.law=smc")
-        again = self.summary("sim", self.tmp / "a" / "scene.toml")
+        again = self.document("sim", self.tmp / "a" / "scene.toml")
         self.assertEqual(first["law"], "smc")
         self.assertEqual(first["digest"], again["digest"])
 
     def test_every_law_holds_every_mode_of_an_asymmetric_five_bar(self):
         legs = ("[{ l1 = 0.13, l2 = 0.17, lg1 = 0.06, lg2 = 0.07, m1 = 0.12, m2 = 0.09, J1 = 2e-4, J2 = 6e-4 },"
                 " { l1 = 0.11, l2 = 0.15, lg1 = 0.05, lg2 = 0.06, m1 = 0.1, m2 = 0.11, J1 = 2.5e-4, J2 = 8e-4 }]")
-        text = self.scene("five_bar_circle").read_text()
+        text = CIRCLE.read_text()
         text = "\n".join(line for line in text.splitlines() if not line.startswith(("leg =", "assembly_mode")))
         text = text.replace("[mechanism]", f"[mechanism]\nlegs = {legs}\neffector_mass = 0.05", 1)
         text = text.replace("effector_mass = 0.0\n", "")
@@ -106,37 +81,25 @@ class Runs(unittest.TestCase):
             for law in ("esmc", "esmc_projected", "smc", "ctc"):
                 for motors in ("base", "all"):
                     with self.subTest(mode=mode, law=law, motors=motors):
-                        s = self.summary("sim", path, "--set", f"mechanism.working_mode={mode}", "--set", f"control.law={law}",
+                        s = self.document("sim", path, "--set", f"mechanism.working_mode={mode}", "--set", f"control.law={law}",
                                          "--set", f"control.motors={motors}", "--set", f"control.sensors={motors}",
                                          "--set", "simulation.duration=0.6", "--set", "reference.join=0.2",
                                          "--set", "control.torque_limit=6.0")
                         self.assertEqual(s["supervisor"]["faults"], [])
                         self.assertLess(s["tracking"]["settled_max_m"], 1e-3)
 
-    def test_a_faulting_run_says_so_and_ends_with_one(self):
-        run = esmc("hil", self.scene("five_bar_circle"), "--set", "limits.joint_speed=5.0", "--out", self.tmp / "f", "--json")
-        self.assertEqual(run.returncode, 1)
-        s = json.loads(run.stdout)
-        self.assertEqual((s["supervisor"]["final_state"], [f["name"] for f in s["supervisor"]["faults"]]), ("fault", ["joint_speed"]))
-        with open(self.tmp / "f" / "log.csv", newline="", encoding="utf-8") as f:
-            rows = list(csv.DictReader(f))
-        after = [r for r in rows if r["state"] == "fault"]
-        self.assertTrue(after)
-        self.assertTrue(all(float(r["tau11"]) == 0 and float(r["tau21"]) == 0 for r in after))
-
     def test_a_pose_that_the_limits_do_not_allow_is_not_armed(self):
         # Frames of such a refusal: tests/vcan/loop_job. esmc sim has no drives to arm: the same fault, in its first tick.
         for fault, setting in (("joint_angle", "limits.joint_angle=[[-3,0.1],[-3,0.1]]"), ("type1_singularity", "limits.min_abs_sin_type1=0.99"),
                                ("type2_singularity", "limits.min_abs_sin_type2=0.99")):
             with self.subTest(fault=fault):
-                options = (self.scene("five_bar_circle"), "--set", setting, "--set", "limits.halt_time=0", "--set", "simulation.duration=0.2")
+                options = (CIRCLE, "--set", setting, "--set", "limits.halt_time=0", "--set", "simulation.duration=0.2")
                 run = esmc("hil", *options, "--out", self.tmp / fault)
                 self.assertEqual((run.returncode, run.stdout, run.stderr), (1, "", f"esmc: the controller refused to arm: {fault}\n"))
                 self.assertFalse((self.tmp / fault).exists(), "there was no run to record")
                 run = esmc("sim", *options, "--json", "--out", self.tmp / fault)
                 self.assertEqual((run.returncode, [f["name"] for f in json.loads(run.stdout)["supervisor"]["faults"]]), (1, [fault]))
-                with open(self.tmp / fault / "log.csv", newline="", encoding="utf-8") as f:
-                    rows = list(csv.DictReader(f))
+                rows = read_table(self.tmp / fault / "log.csv")
                 self.assertEqual(len(rows), 200)
                 self.assertEqual({float(r[t]) for r in rows for t in ("tau11", "tau21")}, {0.0})
 
@@ -149,8 +112,8 @@ class Runs(unittest.TestCase):
 
     def test_eval_reads_stdin_and_float(self):
         text = Path(SCENES, "../../tests/reference/rr_static.json").read_text()
-        double = json.loads(esmc("eval", "-", stdin=text).stdout)["cases"]
-        single = json.loads(esmc("eval", "--scalar", "float", stdin=text).stdout)["cases"]
+        double = json.loads(esmc("eval", "-", input=text).stdout)["cases"]
+        single = json.loads(esmc("eval", "--scalar", "float", input=text).stdout)["cases"]
         self.assertEqual(len(double), 20)
         for a, b in zip(double, single):
             for x, y in zip(a["inverse"]["tau"], b["inverse"]["tau"]):
@@ -158,26 +121,14 @@ class Runs(unittest.TestCase):
                 self.assertLess(abs(x - y), 1e-4 * (1 + abs(x)))
 
 
-class BadInput(unittest.TestCase):
+class BadInput(Case):
     """One line on stderr that names file, line, key and what is allowed; exit 2; nothing written."""
 
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.good = Path(SCENES, "five_bar_circle.toml").read_text()
+    good = CIRCLE.read_text()
 
-    def tearDown(self):
-        self.folder.cleanup()
-
-    def refused(self, *args, words=(), code=2):
+    def bad(self, *args, words=(), code=2):
         out = self.tmp / "out"
-        run = esmc(*args, *(["--out", out] if args[0] in ("sim", "hil") else []))
-        self.assertEqual(run.returncode, code, run.stderr + run.stdout)
-        self.assertEqual(run.stdout, "")
-        self.assertEqual(len(run.stderr.splitlines()), 1, run.stderr)
-        self.assertTrue(run.stderr.startswith("esmc: "), run.stderr)
-        for word in words:
-            self.assertIn(word, run.stderr)
+        self.refused(esmc(*args, *(["--out", out] if args[0] in ("sim", "hil") else [])), *words, code=code)
         self.assertFalse(out.exists())
 
     def scene(self, old, new):
@@ -226,26 +177,24 @@ class BadInput(unittest.TestCase):
         for old, new, words, exact in cases:
             with self.subTest(new=new):
                 path, where = self.scene(old, new)
-                self.refused("sim", path, words=words + ([where] if exact else ["bad.toml"]))
+                self.bad("sim", path, words=words + ([where] if exact else ["bad.toml"]))
 
     def test_overrides(self):
-        scene = Path(SCENES, "five_bar_circle.toml")
         for value, word in (("control.gain=abc", "--set control.gain=abc"), ("control.nothing=1", "unknown key"),
                             ("control.gain", "section.key=value"), ("=3", "section.key=value"),
                             ("simulation.step=0", "simulation.step"), ("control={", "--set")):
             with self.subTest(value=value):
-                self.refused("sim", scene, "--set", value, words=[word])
+                self.bad("sim", CIRCLE, "--set", value, words=[word])
 
     def test_arguments_and_files(self):
-        scene = Path(SCENES, "five_bar_circle.toml")
-        self.refused("sim", self.tmp / "missing.toml", words=["missing.toml"])
-        self.refused("nonsense")
-        self.refused("sim")
-        self.refused("hil", scene, "--bus", "nonsense", words=["--bus", "socketcan:"])
-        self.refused("hil", scene, "--bus", "socketcan:nosuchcan0", words=["socketcan:nosuchcan0"])
-        self.refused("plant", scene, "--bus", "virtual", words=["--bus"])
-        self.refused("hil", scene, "--set", "control.law=none", words=["sim only"])
-        self.refused("eval", self.tmp / "missing.json")
+        self.bad("sim", self.tmp / "missing.toml", words=["missing.toml"])
+        self.bad("nonsense")
+        self.bad("sim")
+        self.bad("hil", CIRCLE, "--bus", "nonsense", words=["--bus", "socketcan:"])
+        self.bad("hil", CIRCLE, "--bus", "socketcan:nosuchcan0", words=["socketcan:nosuchcan0"])
+        self.bad("plant", CIRCLE, "--bus", "virtual", words=["--bus"])
+        self.bad("hil", CIRCLE, "--set", "control.law=none", words=["sim only"])
+        self.bad("eval", self.tmp / "missing.json")
 
     def test_eval(self):
         text = Path(SCENES, "../../tests/reference/fiver_static.json").read_text()
@@ -256,24 +205,23 @@ class BadInput(unittest.TestCase):
             path = self.tmp / "cases.json"
             path.write_text(json.dumps({"cases": [c]}, indent=1))
             return path
-        self.refused("eval", broken(lambda c: c["params"].pop("l0")), words=["cases.json:", "params.l0"])
-        self.refused("eval", broken(lambda c: c["params"]["legs"][1].update(l1=-1)), words=["cases.json:"])
-        self.refused("eval", broken(lambda c: c["state"].update(x=9.0)), words=["reach"])
-        self.refused("eval", broken(lambda c: c["esmc"].update(switch="loud")), words=["esmc.switch", "sat"])
-        self.refused("eval", broken(lambda c: c["esmc"].update(switch="super_twisting")), words=["esmc.switch", "sample time"])
-        self.refused("eval", broken(lambda c: c["forward"].update(tau4=[1, 2])), words=["forward.tau4"])
+        self.bad("eval", broken(lambda c: c["params"].pop("l0")), words=["cases.json:", "params.l0"])
+        self.bad("eval", broken(lambda c: c["params"]["legs"][1].update(l1=-1)), words=["cases.json:"])
+        self.bad("eval", broken(lambda c: c["state"].update(x=9.0)), words=["reach"])
+        self.bad("eval", broken(lambda c: c["esmc"].update(switch="loud")), words=["esmc.switch", "sat"])
+        self.bad("eval", broken(lambda c: c["esmc"].update(switch="super_twisting")), words=["esmc.switch", "sample time"])
+        self.bad("eval", broken(lambda c: c["forward"].update(tau4=[1, 2])), words=["forward.tau4"])
         path = self.tmp / "x.json"
         path.write_text('{"cases": [\n{"id": }')
-        self.refused("eval", path, words=["x.json:2"])
+        self.bad("eval", path, words=["x.json:2"])
 
     def test_accuracy_that_cannot_be_met_is_a_failed_run(self):
         # Free fall through both singularities for five seconds: chaotic, the twelfth digit is out of reach.
         text = self.good.replace("step = 5e-4", "accuracy = 1e-12").replace("duration = 2.0", "duration = 5.0")
         path = self.tmp / "sharp.toml"
         path.write_text(text.replace('law = "esmc"', 'law = "none"'))
-        self.refused("sim", path, words=["accuracy"], code=1)
+        self.bad("sim", path, words=["accuracy"], code=1)
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

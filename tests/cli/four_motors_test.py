@@ -1,22 +1,12 @@
 #!/usr/bin/python3
 """What `esmc check` and `esmc bake` say of four motors against what the controller does with them in `esmc sim`.
-usage: four_motors_test.py ESMC SCENES [--sample COUNT] [unittest args]; COUNT: of the 20 random mechanisms"""
-import csv
+usage: four_motors_test.py ESMC [--sample COUNT] [unittest args]; COUNT: of the 20 random mechanisms"""
 import json
 import math
 import random
 import re
-import subprocess
-import sys
-import tempfile
-import unittest
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
-import sample  # noqa: E402
-
-SAMPLE = sample.take_option(sys.argv)
-ESMC, SCENES = sys.argv.pop(1), Path(sys.argv.pop(1))
+from command import SAMPLE, SCENES, Case, esmc, main, read_table, sample, sets
 
 # Unlike legs, limits and weights; the least norm asks more of motor 4 than it may give, and the other three can do it without.
 UNLIKE = """
@@ -72,23 +62,11 @@ step = 5e-4
 MOTORS = ("tau11", "tau12", "tau21", "tau22")
 
 
-def esmc(*arguments):
-    return subprocess.run([ESMC, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=120)
-
-
-def sets(*values):
-    return [a for v in values for a in ("--set", v)]
-
-
-class FourMotors(unittest.TestCase):
+class FourMotors(Case):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
+        super().setUp()
         self.unlike = self.tmp / "unlike.toml"
         self.unlike.write_text(UNLIKE, encoding="utf-8")
-
-    def tearDown(self):
-        self.folder.cleanup()
 
     def check(self, scene, *values):
         """Whether the reference has its torque, the margins, and what is found about torques."""
@@ -108,8 +86,7 @@ class FourMotors(unittest.TestCase):
         """Of each motor in a run, N m."""
         out = self.tmp / "run"
         self.assertEqual(esmc("sim", scene, "--out", out, *sets(*values)).returncode, 0)
-        with open(out / "log.csv", newline="", encoding="utf-8") as f:
-            rows = list(csv.DictReader(f))
+        rows = read_table(out / "log.csv")
         return [max(abs(float(r[m])) for r in rows) for m in MOTORS]
 
     def baked(self, scene, *values):
@@ -156,8 +133,7 @@ class FourMotors(unittest.TestCase):
             at = float(re.search(r"t = (0\.\d{3}) s", text)[1])
             out = self.tmp / "check"
             self.assertIn(esmc("check", self.unlike, "--out", out, *sets(*tight)).returncode, (0, 1))
-            with open(out / "check.csv", newline="", encoding="utf-8") as f:
-                row, = [r for r in csv.DictReader(f) if abs(float(r["t"]) - at) < 1e-9]
+            row, = [r for r in read_table(out / "check.csv") if abs(float(r["t"]) - at) < 1e-9]
             held = [i for i in range(4) if abs(abs(float(row[MOTORS[i]])) - scale * share * limits[i]) < 1e-9]
             self.assertEqual([int(names[n]) - 1 for n in (1, 2, 3)], held)
             self.assertEqual((done.returncode, done.stdout), (2, ""))
@@ -259,4 +235,4 @@ class FourMotors(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main()
+    main()

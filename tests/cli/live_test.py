@@ -14,9 +14,10 @@ import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import urllib.parse
+
+from cable import Cable
 
 PATIENCE = 60  # s, for what must happen; nothing here measures time
 
@@ -331,33 +332,6 @@ def only_on_loopback(bench):
         assert not [line for line in six.read_text().splitlines()[1:] if line.split()[3] == "0A" and f":{bench.port:04X} " in line]
 
 
-def join_lines(folder):
-    """Two ends of a serial line, as paths of sockets: what one program says the other hears."""
-    paths, servers = [f"{folder}/{name}" for name in ("plant", "controller")], []
-    for path in paths:
-        server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        server.bind(path)
-        server.listen()
-        servers.append(server)
-
-    def carry(source, sink):
-        try:
-            while part := source.recv(65536):
-                sink.sendall(part)
-        except OSError:
-            pass
-
-    def serve():
-        plant = servers[0].accept()[0]
-        while True:  # one controller after the other
-            controller = servers[1].accept()[0]
-            back = threading.Thread(target=carry, args=(plant, controller), daemon=True)
-            back.start()
-            carry(controller, plant)
-    threading.Thread(target=serve, daemon=True).start()
-    return paths
-
-
 class NoTurn(Exception):
     """The other process lost its drives before they were given a fault: it had no turn on this machine for too long."""
 
@@ -377,7 +351,8 @@ def a_controller_with_its_turn(esmc, scene):
                "--set", "drives.heartbeat_timeout=5.0", "--set", "reference.speed=1.0",
                "--set", "drives.confirmed=true", "--set", "drives.sign_test=false", "--set", "drives.watchdog_test=false"]  # of a machine that does other things as well
     with tempfile.TemporaryDirectory() as folder:
-        plant, controller = join_lines(folder)
+        cable = Cable(folder)
+        plant, controller = cable.paths
         bench = Bench(esmc, scene, "--bus", f"slcan:unix:{plant}", *patient)
         page = Page(bench)
         hello = page.wait(lambda m: "hello" in m, "the greeting")["hello"]
@@ -415,6 +390,7 @@ def a_controller_with_its_turn(esmc, scene):
         page.say(do="home")
         page.wait(lambda m: "now" in m and m["now"]["state"] == "waiting" and m["now"]["brake"], "home")
         bench.end()
+        cable.close()
 
 
 def the_command(esmc, scene):

@@ -1,17 +1,11 @@
 #!/usr/bin/env python3
 """esmc plan and programs in scenes, from outside: what is printed and written, and programs that are refused by name and place.
-usage: plan_test.py ESMC SCENES_DIR [unittest args]"""
-import csv
+usage: plan_test.py ESMC [unittest args]"""
 import json
 import math
-import re
-import subprocess
-import sys
-import tempfile
-import unittest
-from pathlib import Path
 
-ESMC = SCENES = ""
+from command import CIRCLE, PROGRAM, Case, esmc, main, read_table
+
 FIVE_BAR = """name = "program"
 [mechanism]
 type = "five_bar"
@@ -52,10 +46,6 @@ min_abs_sin_type1 = 0.05
 joint_speed = 20.0
 joint_angle = [[-2.0, 2.0], [-3.0, 3.0]]
 """
-
-
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
 
 
 def program(moves, start="[-0.08, 0.16]", more=""):
@@ -109,23 +99,14 @@ BAD = [
 ]
 
 
-class Plan(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Plan(Case):
     def scene(self, text):
         path = self.tmp / "scene.toml"
         path.write_text(text)
         return path
 
     def plan(self, *args):
-        run = esmc("plan", *args, "--json")
-        self.assertEqual((run.returncode, run.stderr), (0, ""))
-        return json.loads(run.stdout)
+        return self.document("plan", *args)
 
     def test_bad_programs_are_refused_by_name_and_place(self):
         self.assertGreaterEqual(len(BAD), 25)
@@ -147,8 +128,7 @@ class Plan(unittest.TestCase):
         self.assertIn(f"scene.toml:{number}: 'reference.moves[2].to'", esmc("plan", scene).stderr)
 
     def test_pick_and_place_is_as_fast_as_its_torque_allows(self):
-        scene = Path(SCENES, "five_bar_pick_and_place.toml")
-        j = self.plan(scene, "--out", self.tmp / "out")
+        j = self.plan(PROGRAM, "--out", self.tmp / "out")
         self.assertEqual(next(iter(j)), "schema")
         self.assertGreaterEqual(j["duration_s"], j["bound_s"] * 0.999)
         self.assertLess(j["duration_s"], 1.1 * j["bound_s"])
@@ -161,8 +141,7 @@ class Plan(unittest.TestCase):
         for row in j["point_to_point"]:
             self.assertAlmostEqual(row["gained_s"], row["line_s"] - row["joint_s"], delta=1e-12)
         self.assertEqual({p.name for p in (self.tmp / "out").iterdir()}, {"plan.json", "path.csv", "report.html", "scene.toml"})
-        with open(self.tmp / "out" / "path.csv", newline="", encoding="utf-8") as f:
-            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
+        rows = [{k: float(v) for k, v in row.items()} for row in read_table(self.tmp / "out" / "path.csv")]
         self.assertEqual(list(rows[0])[:5], ["t", "x", "y", "theta11", "theta21"])
         self.assertEqual(len(rows), math.ceil(j["duration_s"] * 1000 - 1e-6) + 1)
         for a, b in zip(rows, rows[1:]):  # speed is the change of position, torque within its limit
@@ -173,24 +152,23 @@ class Plan(unittest.TestCase):
         self.assertEqual((rows[0]["x"], rows[0]["xd"]), (-0.1, 0.0))
 
     def test_every_command_runs_a_program(self):
-        scene = Path(SCENES, "five_bar_pick_and_place.toml")
-        check = json.loads(esmc("check", scene, "--json").stdout)
+        check = json.loads(esmc("check", PROGRAM, "--json").stdout)
         self.assertNotEqual(check["verdict"], "unfit", check["findings"])
         for command in ("sim", "hil"):
-            s = json.loads(esmc(command, scene, "--json").stdout)
+            s = self.document(command, PROGRAM)
             self.assertEqual(s["supervisor"]["faults"], [])
             self.assertLess(s["tracking"]["settled_max_m"], 2e-4)
             self.assertEqual(s["torque"]["saturated_ticks"], 0)
-        baked = esmc("bake", scene, "--scalar", "float")
+        baked = esmc("bake", PROGRAM, "--scalar", "float")
         self.assertEqual(baked.returncode, 0, baked.stderr)
         self.assertIn("PathSegment", baked.stdout)
 
     def test_all_of_the_torque_is_tracked_too(self):
-        text = Path(SCENES, "five_bar_pick_and_place.toml").read_text().split("[uncertainty]")[0] + "[simulation]\nduration = 1.0\nstep = 5e-4\n"
+        text = PROGRAM.read_text().split("[uncertainty]")[0] + "[simulation]\nduration = 1.0\nstep = 5e-4\n"
         scene = self.scene(text)
         j = self.plan(scene)
         self.assertAlmostEqual(j["duration_s"] / j["bound_s"], 1.0, delta=0.005)
-        s = json.loads(esmc("sim", scene, "--json").stdout)
+        s = self.document("sim", scene)
         self.assertGreater(s["torque"]["max_nm"], 1.49)
         self.assertLess(s["tracking"]["settled_max_m"], 3e-5)
         self.assertEqual(s["supervisor"]["faults"], [])
@@ -217,8 +195,7 @@ class Plan(unittest.TestCase):
     def test_an_arm_carries_its_payload_at_the_effector(self):
         text = ARM + program(['move = "line"\nto = [0.40, -0.10]\ntime = 5.0'], "[0.40, 0.10]") + '[[effects]]\ntype = "payload"\nmass = 0.4\n'
         self.plan(self.scene(text), "--out", self.tmp / "out")
-        with open(self.tmp / "out" / "path.csv", encoding="utf-8", newline="") as file:
-            first = next(csv.DictReader(file))
+        first = read_table(self.tmp / "out" / "path.csv")[0]
         a, b = float(first["theta1"]), float(first["theta1"]) + float(first["theta2"])  # at rest: weights and their levers, by hand
         outer = 9.8 * (0.8 * 0.11 + 0.4 * 0.25) * math.cos(b)
         inner = outer + 9.8 * (1.2 * 0.15 + 0.8 * 0.30 + 0.4 * 0.30) * math.cos(a)
@@ -228,30 +205,27 @@ class Plan(unittest.TestCase):
 
     def test_reserves_of_slow_motion_are_tried(self):
         """Where the reserve of the fastest motion leaves no torque that of a slower one does; a move that no line makes is no error."""
-        j = self.plan(Path(SCENES, "five_bar_pick_and_place.toml"), "--set", "uncertainty={payload=[0,0.2]}")
+        j = self.plan(PROGRAM, "--set", "uncertainty={payload=[0,0.2]}")
         self.assertGreater(j["margin"]["torque"], 0.0)
         scene = self.scene(ARM + program(['move = "line"\nto = [0.2, 0.45]\nacceleration = 10.0'], "[0.40, -0.10]") + "[uncertainty]\npayload = [0.0, 0.2]\n")
-        run = esmc("plan", scene)
-        self.assertEqual((run.returncode, run.stderr), (0, ""))
+        self.plan(scene)
 
     def test_friction_costs_what_it_costs(self):
         """Much of it: a tenth more friction costs about a tenth of the time or less, and the bound is no longer than the plan."""
-        scene = Path(SCENES, "five_bar_pick_and_place.toml")
         times = []
         for viscous in (0.0, 0.06, 0.066, 0.0726, 0.12):
-            j = self.plan(scene, "--set", f'effects=[{{type="viscous_friction",coefficient=[{viscous},{viscous / 4}]}}]')
+            j = self.plan(PROGRAM, "--set", f'effects=[{{type="viscous_friction",coefficient=[{viscous},{viscous / 4}]}}]')
             self.assertLessEqual(j["bound_s"], 1.002 * j["duration_s"])
             times.append(j["duration_s"])
         self.assertEqual(times, sorted(times))
         self.assertLess(max(b / a for a, b in zip(times[1:4], times[2:4])), 1.1)
         self.assertLess(times[-1], 1.5 * times[0])
-        j = self.plan(scene, "--set", 'uncertainty={viscous=[[0.0,0.08],[0.0,0.016]]}')  # none of it at rest
+        j = self.plan(PROGRAM, "--set", 'uncertainty={viscous=[[0.0,0.08],[0.0,0.016]]}')  # none of it at rest
         self.assertLess(j["duration_s"], 2.0 * times[0])
 
     def test_a_law_that_answers_slowly_keeps_more_torque(self):
-        scene = Path(SCENES, "five_bar_pick_and_place.toml")
         for law, least in (("esmc", 0.0195), ("ctc", 0.0695)):
-            margin = self.plan(scene, "--set", f'control.law="{law}"')["margin"]["torque"]
+            margin = self.plan(PROGRAM, "--set", f'control.law="{law}"')["margin"]["torque"]
             self.assertTrue(least < margin < least + 0.01, (law, margin))
 
     def test_no_plant_of_the_intervals_saturates(self):
@@ -259,12 +233,11 @@ class Plan(unittest.TestCase):
         vary = "".join(f'[[vary]]\nkey = "plant.legs.{leg}.{key}"\nfactor = [0.95, 1.05]\nsteps = 2\n' for leg in (1, 2) for key in ("m1", "m2", "J1", "J2"))
         for law, most in (("esmc", 1.472), ("ctc", 1.5)):
             spec = self.tmp / "corners.toml"
-            spec.write_text(f'scene = "{Path(SCENES, "five_bar_pick_and_place.toml")}"\nset = ["control.law=\\"{law}\\""]\nobjectives = ["torque_max_nm", "saturated_ticks"]\n'
+            spec.write_text(f'scene = "{PROGRAM}"\nset = ["control.law=\\"{law}\\""]\nobjectives = ["torque_max_nm", "saturated_ticks"]\n'
                             f'[sample]\nmethod = "grid"\n{vary}')
             run = esmc("sweep", spec, "--out", self.tmp / law)
             self.assertEqual(run.returncode, 0, run.stderr)
-            with open(self.tmp / law / "cases.csv", encoding="ascii") as rows:
-                cases = list(csv.DictReader(rows))
+            cases = read_table(self.tmp / law / "cases.csv")
             self.assertEqual(len(cases), 256)
             self.assertEqual({c["outcome"] for c in cases}, {"ok"})
             self.assertLess(max(float(c["torque_max_nm"]) for c in cases), most)
@@ -278,7 +251,7 @@ class Plan(unittest.TestCase):
         rows = [(t, -0.04 + 0.08 * (u := t / 0.5) ** 3 * (10 - 15 * u + 6 * u * u), 0.17) for t in times]
         (self.tmp / "dense.csv").write_text("t,x,y\n" + "".join(f"{t:.6f},{x:.12f},{y}\n" for t, x, y in rows))
         for rate in (1000, 125):
-            s = json.loads(esmc("sim", Path(SCENES, "five_bar_circle.toml"), "--json", "--set", f"control.rate_hz={rate}", "--set",
+            s = json.loads(esmc("sim", CIRCLE, "--json", "--set", f"control.rate_hz={rate}", "--set",
                                 f'reference={{type="file", path="{self.tmp}/dense.csv"}}', "--set", 'initial={at="reference"}', "--set", "simulation.duration=0.5").stdout)
             self.assertEqual((s["supervisor"]["faults"], s["torque"]["saturated_ticks"]), ([], 0))
 
@@ -294,11 +267,10 @@ class Plan(unittest.TestCase):
             self.assertAlmostEqual(float(value), want, delta=1e-12)
 
     def test_other_references_are_not_planned(self):
-        run = esmc("plan", Path(SCENES, "five_bar_circle.toml"))
-        self.assertEqual(run.returncode, 2)
-        self.assertTrue(re.search(r"five_bar_circle\.toml:\d+: 'reference\.type' must be \"program\"", run.stderr), run.stderr)
+        run = esmc("plan", CIRCLE)
+        self.refused(run)
+        self.assertRegex(run.stderr, r"five_bar_circle\.toml:\d+: 'reference\.type' must be \"program\"")
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
+    main()

@@ -1,41 +1,29 @@
 #!/usr/bin/env python3
 """`esmc accuracy SCENE` from outside: its JSON, its refusals, and its cheapest scene against exhaustive search over subsets of the
 effects and over methods and steps. Costs are those of the tables in docs/accuracy.md and docs/effects.md.
-usage: price_test.py ESMC SCENES [--sample COUNT]"""
+usage: price_test.py ESMC [--sample COUNT]"""
 import itertools
 import json
 import math
 import random
 import re
-import subprocess
-import sys
 import tempfile
-import unittest
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
-import sample  # noqa: E402
+from command import CIRCLE, DOCS, FRICTION, SAMPLE, SCENES, Case, esmc, main, sample, sets
 
-SAMPLE = sample.take_option(sys.argv)
-ESMC, SCENES = sys.argv[1], Path(sys.argv[2])
-DOCS = Path(__file__).resolve().parents[2] / "docs"
-FRICTION = SCENES / "five_bar_friction.toml"
 SHORT = ("--set", "simulation.duration=0.4")
 
 
-def run(*arguments):
-    return subprocess.run([ESMC, *map(str, arguments)], capture_output=True, text=True, check=False)
-
-
 def prices(*arguments):
-    done = run("accuracy", *arguments, "--json")
+    done = esmc("accuracy", *arguments, "--json")
     assert done.returncode == 0, done
     return json.loads(done.stdout)
 
 
-def sim(scene, *sets):
-    done = run("sim", scene, "--json", *(word for s in sets for word in ("--set", s)))
+def sim(scene, *values):
+    done = esmc("sim", scene, "--json", *sets(*values))
     return json.loads(done.stdout) if done.returncode in (0, 1) and done.stdout else None
 
 
@@ -134,14 +122,9 @@ def distance(case, a, b):
     return abs(a["tracking"][case["metric"]] - b["tracking"][case["metric"]])
 
 
-class Prices(unittest.TestCase):
-    def refused(self, *arguments, words=(), code=2):
-        done = run("accuracy", *arguments)
-        self.assertEqual(done.returncode, code, done)
-        self.assertEqual(done.stdout, "")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        for word in words:
-            self.assertIn(word, done.stderr)
+class Prices(Case):
+    def bad(self, *arguments, words=(), code=2):
+        self.refused(esmc("accuracy", *arguments), *words, code=code)
 
     def test_json_has_the_keys_of_the_contract(self):
         j = prices(FRICTION, *SHORT, "--of", "settled_rms_m", "--effects", "all")
@@ -164,17 +147,17 @@ class Prices(unittest.TestCase):
         self.assertIn("0.1", next(e["parameters"] for e in j["effects"] if e["name"] == "coulomb_friction"))
 
     def test_each_digit_has_one_integrator_which_keeps_it(self):
-        j = prices(SCENES / "five_bar_circle.toml", *SHORT)
+        j = prices(CIRCLE, *SHORT)
         for digit in (1e-3, 1e-6, 1e-9):
             rows = [r for r in j["integrators"] if digit in r["recommended_for"]]
             self.assertEqual(len(rows), 1)
             self.assertLessEqual(rows[0]["error"], digit)
         # Judged by a run of another method with a tenth of the step that is still needed for 1e-9.
-        exact = sim(SCENES / "five_bar_circle.toml", SHORT[1], "simulation.integrator=dopri8", "simulation.step=2e-5")
+        exact = sim(CIRCLE, SHORT[1], "simulation.integrator=dopri8", "simulation.step=2e-5")
         for row in j["integrators"]:
             if row["error"] < 1e-9 or row["method"] == "dopri8":
                 continue
-            own = sim(SCENES / "five_bar_circle.toml", SHORT[1], f"simulation.integrator={row['method']}", f"simulation.step={row['step']}")
+            own = sim(CIRCLE, SHORT[1], f"simulation.integrator={row['method']}", f"simulation.step={row['step']}")
             error = max(abs(a - b) for a, b in zip(own["final_state"]["q"], exact["final_state"]["q"]))
             self.assertAlmostEqual(row["error"] / error, 1.0, delta=0.05, msg=row)
 
@@ -191,22 +174,22 @@ class Prices(unittest.TestCase):
             self.assertEqual(row["matters"], abs(whole - without) > 0.01 * whole)
 
     def test_bad_input_is_one_line(self):
-        self.refused("nowhere.toml", words=["nowhere.toml"])
-        self.refused(FRICTION, "--tolerance", "much", words=["--tolerance"])
-        self.refused(FRICTION, "--tolerance", "-1", words=["--tolerance"])
-        self.refused(FRICTION, "--of", "beauty", words=["--of"])
-        self.refused(FRICTION, "--effects", "some", words=["--effects"])
-        self.refused(FRICTION, "--set", "simulation.duration=0.1", "--of", "settled_rms_m", words=["settled_rms_m"])
-        self.refused("--write", "x.toml", words=["SCENE"])
-        self.refused(FRICTION, "--write", FRICTION, words=["--write"])
-        self.refused(FRICTION, "--set", "effects=[{type='bit_timing'}]", words=["bit_timing"])
-        self.refused(FRICTION, "--set", "control.torque_limit=0.01", words=["esmc check refuses it"])
-        self.refused(FRICTION, "--set", "effects=[{type='delay', ticks=30}]", words=["fault"], code=1)
+        self.bad("nowhere.toml", words=["nowhere.toml"])
+        self.bad(FRICTION, "--tolerance", "much", words=["--tolerance"])
+        self.bad(FRICTION, "--tolerance", "-1", words=["--tolerance"])
+        self.bad(FRICTION, "--of", "beauty", words=["--of"])
+        self.bad(FRICTION, "--effects", "some", words=["--effects"])
+        self.bad(FRICTION, "--set", "simulation.duration=0.1", "--of", "settled_rms_m", words=["settled_rms_m"])
+        self.bad("--write", "x.toml", words=["SCENE"])
+        self.bad(FRICTION, "--write", FRICTION, words=["--write"])
+        self.bad(FRICTION, "--set", "effects=[{type='bit_timing'}]", words=["bit_timing"])
+        self.bad(FRICTION, "--set", "control.torque_limit=0.01", words=["esmc check refuses it"])
+        self.bad(FRICTION, "--set", "effects=[{type='delay', ticks=30}]", words=["fault"], code=1)
 
     def test_page_and_file_say_what_was_found(self):
         with tempfile.TemporaryDirectory() as folder:
             minimal, out = Path(folder, "minimal.toml"), Path(folder, "out")
-            done = run("accuracy", FRICTION, *SHORT, "--write", minimal, "--out", out, "--tolerance", "1e-4")
+            done = esmc("accuracy", FRICTION, *SHORT, "--write", minimal, "--out", out, "--tolerance", "1e-4")
             self.assertEqual(done.returncode, 0, done)
             j = json.loads((out / "accuracy.json").read_text(encoding="utf-8"))
             page = (out / "report.html").read_text(encoding="utf-8")
@@ -235,18 +218,18 @@ class Prices(unittest.TestCase):
             self.assertEqual(sim(other / "minimal.toml")["tracking"]["rms_m"], j["minimal"]["rms_m"])
 
     def check_case(self, case):
-        sets = [w for s in with_effects(case, case["effects"]) for w in ("--set", s)]
-        whole = sim(case["file"], *with_effects(case, case["effects"]))
+        values = with_effects(case, case["effects"])
+        whole = sim(case["file"], *values)
         if not whole or whole["supervisor"]["faults"]:
-            self.assertNotEqual(run("accuracy", case["file"], *sets).returncode, 0)
+            self.assertNotEqual(esmc("accuracy", case["file"], *sets(*values)).returncode, 0)
             return False
         size = max(map(abs, whole["final_state"]["q"])) if case["metric"] == "end" else whole["tracking"][case["metric"]]
         tolerance = case["share"] * size
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "minimal.toml")
-            done = run("accuracy", case["file"], *sets, "--of", case["metric"], "--tolerance", repr(tolerance), "--write", file, "--json")
+            done = esmc("accuracy", case["file"], *sets(*values), "--of", case["metric"], "--tolerance", repr(tolerance), "--write", file, "--json")
             if done.returncode == 2 and "esmc check refuses it" in done.stderr:
-                self.assertEqual(run("check", case["file"], *sets).returncode, 1, case)
+                self.assertEqual(esmc("check", case["file"], *sets(*values)).returncode, 1, case)
                 return False
             self.assertEqual(done.returncode, 0, done)
             found = json.loads(done.stdout)["minimal"]
@@ -278,4 +261,4 @@ class Prices(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -1,70 +1,22 @@
 #!/usr/bin/env python3
 """esmc replay: recorded runs are equal to the last bit when they are repeated; one bit that is not is found and named; what is
 no recording is refused.
-usage: replay_test.py ESMC SCENES_DIR [unittest args]"""
+usage: replay_test.py ESMC [unittest args]"""
 import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
-import sys
-import tempfile
-import threading
 import time
-import unittest
-from pathlib import Path
 
-ESMC = SCENES = ""
+from cable import Cable
+from command import ARM, CIRCLE, ESMC, Case, esmc, main
+
 SHORT = ("--set", "simulation.duration=0.05")
 NOISY = ('effects=[{type="noise", sigma=1e-4}, {type="viscous_friction", coefficient=[0.01, 0.01]}, {type="encoder", bits=14}]')
 
 
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=300)
-
-
-class Cable:
-    """Two slcan endpoints; what one program sends, the other one hears."""
-
-    def __init__(self, folder):
-        self.paths = [str(Path(folder, name)) for name in ("a", "b")]
-        self.servers = []
-        for path in self.paths:
-            server = socket.socket(socket.AF_UNIX)
-            server.bind(path)
-            server.listen()
-            self.servers.append(server)
-        self.ends = [None, None]
-        for i in range(2):
-            threading.Thread(target=self.carry, args=(i,), daemon=True).start()
-
-    def close(self):
-        for one in self.servers + [end for end in self.ends if end is not None]:
-            one.close()
-
-    def carry(self, i):
-        self.ends[i], _ = self.servers[i].accept()
-        while self.ends[1 - i] is None:
-            time.sleep(0.001)
-        rest = b""
-        try:
-            while part := self.ends[i].recv(65536):
-                *lines, rest = (rest + part).split(b"\r")
-                self.ends[1 - i].sendall(b"".join(line + b"\r" for line in lines if line and line[:1] in b"tTrR"))
-        except OSError:  # one of them has ended
-            return
-
-
-class Replay(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.circle, self.friction, self.rr = (Path(SCENES, n + ".toml") for n in ("five_bar_circle", "five_bar_friction", "rr_line"))
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Replay(Case):
     def cable(self, name):
         (self.tmp / name).mkdir()
         cable = Cable(self.tmp / name)
@@ -102,13 +54,8 @@ class Replay(unittest.TestCase):
         self.assertIs(result["equal"], False)
         return result["differences"]
 
-    def refused(self, out, *words):
-        text = esmc("replay", out)
-        self.assertEqual((text.returncode, text.stdout), (2, ""), text.stderr)
-        self.assertEqual(len(text.stderr.splitlines()), 1, text.stderr)
-        self.assertTrue(text.stderr.startswith("esmc: "))
-        for word in words:
-            self.assertIn(word, text.stderr)
+    def bad(self, out, *words):
+        self.refused(esmc("replay", out), *words)
 
     def edited(self, out, name, edit):
         copy = self.tmp / f"copy{len(list(self.tmp.iterdir()))}"
@@ -118,27 +65,27 @@ class Replay(unittest.TestCase):
         return copy
 
     def test_runs_of_every_kind_are_equal(self):
-        digest = json.loads((self.record("sim", self.circle, *SHORT) / "summary.json").read_text())["digest"]
-        self.equal(self.record("sim", self.circle, *SHORT), digest, "50 ticks")
-        result = self.equal(self.record("hil", self.circle, *SHORT), "50 ticks", "frames")
+        digest = json.loads((self.record("sim", CIRCLE, *SHORT) / "summary.json").read_text())["digest"]
+        self.equal(self.record("sim", CIRCLE, *SHORT), digest, "50 ticks")
+        result = self.equal(self.record("hil", CIRCLE, *SHORT), "50 ticks", "frames")
         self.assertGreater(result["frames"], 200)
-        for args in (("sim", self.rr, *SHORT, "--seed", "77", "--set", NOISY),
-                     ("hil", self.circle, *SHORT, "--seed", "9", "--set", NOISY),
-                     ("hil", self.circle, *SHORT, "--scalar", "float"),
-                     ("hil", self.rr, *SHORT, "--set", 'drives.protocol="mit"'),
-                     ("hil", self.circle, *SHORT, "--set", "drives.protocol=moteus"),
-                     ("hil", self.circle, *SHORT, "--seed", "3", "--set", 'effects=[{type="bit_timing"}, {type="loss", probability=0.001}]'),
-                     ("sim", self.circle, *SHORT, "--set", 'control.law="none"'),
-                     ("sim", self.circle, "--set", "simulation={duration=0.02, accuracy=1e-8}")):
+        for args in (("sim", ARM, *SHORT, "--seed", "77", "--set", NOISY),
+                     ("hil", CIRCLE, *SHORT, "--seed", "9", "--set", NOISY),
+                     ("hil", CIRCLE, *SHORT, "--scalar", "float"),
+                     ("hil", ARM, *SHORT, "--set", 'drives.protocol="mit"'),
+                     ("hil", CIRCLE, *SHORT, "--set", "drives.protocol=moteus"),
+                     ("hil", CIRCLE, *SHORT, "--seed", "3", "--set", 'effects=[{type="bit_timing"}, {type="loss", probability=0.001}]'),
+                     ("sim", CIRCLE, *SHORT, "--set", 'control.law="none"'),
+                     ("sim", CIRCLE, "--set", "simulation={duration=0.02, accuracy=1e-8}")):
             with self.subTest(args=args):
                 self.equal(self.record(*args))
 
     def test_a_run_that_ended_in_a_fault_is_equal(self):
-        self.equal(self.record("hil", self.circle, *SHORT, "--set", "limits.joint_speed=3.0", status=1))
+        self.equal(self.record("hil", CIRCLE, *SHORT, "--set", "limits.joint_speed=3.0", status=1))
 
     def test_an_interrupted_run_is_equal(self):
         out = self.tmp / "long"
-        run = subprocess.Popen([ESMC, "hil", str(self.circle), "--set", "simulation.duration=1000.0", "--out", str(out)], stdout=subprocess.DEVNULL)
+        run = subprocess.Popen([ESMC, "hil", str(CIRCLE), "--set", "simulation.duration=1000.0", "--out", str(out)], stdout=subprocess.DEVNULL)
         while not list(out.glob(".partial-*/log.csv")) or next(out.glob(".partial-*/log.csv")).stat().st_size < 100000:
             time.sleep(0.01)
         run.send_signal(signal.SIGINT)
@@ -147,7 +94,7 @@ class Replay(unittest.TestCase):
         self.equal(out)
 
     def test_one_bit_is_found_and_named(self):
-        out = self.record("hil", self.circle, *SHORT)
+        out = self.record("hil", CIRCLE, *SHORT)
         frames = (out / "frames.log").read_text().splitlines()
         torque = [i for i, line in enumerate(frames) if " 02E#" in line][30]
 
@@ -181,7 +128,7 @@ class Replay(unittest.TestCase):
         self.assertIsNone(found["tick"])
 
     def test_frames_beyond_the_end_and_another_seed_are_found(self):
-        out = self.record("hil", self.circle, *SHORT, "--seed", "5", "--set", NOISY)
+        out = self.record("hil", CIRCLE, *SHORT, "--seed", "5", "--set", NOISY)
         last = (out / "frames.log").read_bytes().splitlines()[-1]
         self.differs(self.edited(out, "frames.log", lambda d: d + last + b"\n"), "frames.log:", "the repeated run ends")
         found = self.differs(self.edited(out, "summary.json", lambda d: d.replace(b'"seed": 5', b'"seed": 6')), "frames.log:", "frame ")
@@ -189,21 +136,21 @@ class Replay(unittest.TestCase):
         self.assertIn("digest", [d["what"] for d in found])
 
     def test_what_is_no_recording_is_refused(self):
-        out = self.record("hil", self.circle, *SHORT)
-        self.refused(self.tmp / "nowhere", "no such directory")
-        self.refused(out / "log.csv", "no such directory")
+        out = self.record("hil", CIRCLE, *SHORT)
+        self.bad(self.tmp / "nowhere", "no such directory")
+        self.bad(out / "log.csv", "no such directory")
         empty = self.tmp / "empty"
         empty.mkdir()
-        self.refused(empty, "summary.json: there is no such file")
+        self.bad(empty, "summary.json: there is no such file")
         for name in ("summary.json", "scene.toml", "log.csv", "frames.log"):
             copy = self.edited(out, name, lambda d: d)
             (copy / name).unlink()
-            self.refused(copy, f"{name}: there is no such file")
+            self.bad(copy, f"{name}: there is no such file")
             (copy / name).mkdir()
-            self.refused(copy, f"{name}: is not a regular file")
+            self.bad(copy, f"{name}: is not a regular file")
             (copy / name).rmdir()
             os.mkfifo(copy / name)  # would wait for ever
-            self.refused(copy, f"{name}: is not a regular file")
+            self.bad(copy, f"{name}: is not a regular file")
         for name, edit, words in (
                 ("frames.log", lambda d: b"", ["no frames"]),
                 ("frames.log", lambda d: d[:-3], ["torn"]),
@@ -221,12 +168,12 @@ class Replay(unittest.TestCase):
                 ("summary.json", lambda d: d.replace(b'"seed": 1', b'"seed": -1.5'), ["/seed"]),
                 ("summary.json", lambda d: d.replace(b'"version": "', b'"version": "0.0.'), ["recorded by esmc 0.0.", "--any-version"])):
             with self.subTest(name=name, words=words):
-                self.refused(self.edited(out, name, edit), *words)
+                self.bad(self.edited(out, name, edit), *words)
         newer = self.edited(out, "summary.json", lambda d: d.replace(b'"version": "', b'"version": "0.0.'))
         self.assertEqual(esmc("replay", newer, "--any-version").returncode, 0)
         check = self.tmp / "check"
-        esmc("check", self.circle, "--out", check)
-        self.refused(check, "summary.json: there is no such file")
+        esmc("check", CIRCLE, "--out", check)
+        self.bad(check, "summary.json: there is no such file")
 
     def test_the_files_that_a_scene_names_belong_to_the_recording(self):
         (self.tmp / "path.csv").write_text("t,x,y\n0,0.07,0.17\n0.05,0.069,0.172\n0.1,0.07,0.174\n")
@@ -234,7 +181,7 @@ class Replay(unittest.TestCase):
         scene.write_text(esmc("init", "five_bar").stdout)
         out = self.record("sim", scene, *SHORT, "--set", 'reference={type="file", path="path.csv"}', "--set", "initial={at=\"reference\"}")
         self.equal(out)
-        self.refused(self.edited(out, "scene_reference.csv", lambda d: d.replace(b"0.172", b"0.173")), "not the scene that was run")
+        self.bad(self.edited(out, "scene_reference.csv", lambda d: d.replace(b"0.172", b"0.173")), "not the scene that was run")
         believed = self.tmp / "believed.toml"
         believed.write_text(scene.read_text().replace("l1 = 0.12", "l1 = 0.121"))
         self.assertNotEqual(believed.read_text(), scene.read_text())
@@ -243,23 +190,23 @@ class Replay(unittest.TestCase):
         believed.unlink()
         self.equal(out)
         for name, edit in (("scene_model.toml", lambda d: d.replace(b"0.121", b"0.122")), ("scene.toml", lambda d: d + b"\n")):
-            self.refused(self.edited(out, name, edit), "not the scene that was run")
+            self.bad(self.edited(out, name, edit), "not the scene that was run")
         (out / "scene_model.toml").unlink()
-        self.refused(out, "not the scene that was run")
+        self.bad(out, "not the scene that was run")
 
     def test_two_processes(self):
         paths = self.cable("cable")
         outs = [self.tmp / "plant", self.tmp / "controller"]
-        runs = [subprocess.Popen([ESMC, name, str(self.circle), *SHORT, "--set", NOISY, "--bus", f"slcan:unix:{path}", "--out", str(out)],
+        runs = [subprocess.Popen([ESMC, name, str(CIRCLE), *SHORT, "--set", NOISY, "--bus", f"slcan:unix:{path}", "--out", str(out)],
                                  stdout=subprocess.DEVNULL) for name, path, out in zip(("plant", "controller"), paths, outs)]
         for run in runs:
             self.assertEqual(run.wait(120), 0)
         plant, controller = outs
         self.equal(plant, "plant", json.loads((plant / "summary.json").read_text())["digest"])
         self.assertIsNone(self.equal(controller, "controller, 50 ticks")["digest"])
-        self.refused(self.edited(controller, "frames.csv", lambda d: d.rsplit(b"\n", 2)[0] + b"\n"), "frames.csv: has")
-        self.refused(self.edited(controller, "frames.csv", lambda d: d.replace(b",1,0", b",2,0", 1)), "frames.csv:", "allowed is")
-        self.refused(self.edited(controller, "summary.json", lambda d: d.replace(b'"lost": 0', b'"lost": 1')), "/bus/lost")
+        self.bad(self.edited(controller, "frames.csv", lambda d: d.rsplit(b"\n", 2)[0] + b"\n"), "frames.csv: has")
+        self.bad(self.edited(controller, "frames.csv", lambda d: d.replace(b",1,0", b",2,0", 1)), "frames.csv:", "allowed is")
+        self.bad(self.edited(controller, "summary.json", lambda d: d.replace(b'"lost": 0', b'"lost": 1')), "/bus/lost")
         # A torque that the controller has not computed; a sample that it would have answered otherwise.
         lines = (controller / "frames.log").read_bytes().splitlines()
         torque = [i for i, line in enumerate(lines) if b" 02E#" in line][40]
@@ -289,11 +236,11 @@ class Replay(unittest.TestCase):
         patient = [a for v in ("drives.heartbeat_timeout=2.0", "drives.watchdog_timeout=2.0", "limits.max_age_ticks=100", "control.rate_hz=200",
                                "simulation.duration=0.2", "drives.confirmed=true", "drives.watchdog_test=false", "drives.sign_test=false",
                                'reference={type="hold", position=[0.07, 0.17]}') for a in ("--set", v)]
-        runs = [subprocess.Popen([ESMC, name, str(self.circle), *patient, "--realtime", "--bus", f"slcan:unix:{path}", "--out", str(out)],
+        runs = [subprocess.Popen([ESMC, name, str(CIRCLE), *patient, "--realtime", "--bus", f"slcan:unix:{path}", "--out", str(out)],
                                  stdout=subprocess.DEVNULL) for name, path, out in zip(("plant", "controller"), paths, outs)]
         for run in runs:
             run.wait(120)
-        esmc("hil", self.circle, *patient, "--realtime", "--bus", "slcan:unix:" + ",unix:".join(self.cable(f"turn{turn}/other")), "--out", outs[-1])
+        esmc("hil", CIRCLE, *patient, "--realtime", "--bus", "slcan:unix:" + ",unix:".join(self.cable(f"turn{turn}/other")), "--out", outs[-1])
         return outs
 
     def test_real_time(self):
@@ -312,7 +259,7 @@ class Replay(unittest.TestCase):
         self.fail(f"no run without lost frames: {left}")
 
     def test_ctrl_c_and_help(self):
-        out = self.record("sim", self.circle, "--set", "simulation.duration=30.0")
+        out = self.record("sim", CIRCLE, "--set", "simulation.duration=30.0")
         for patience in (0.2, 0.8, 3.2):  # a loaded machine has not always begun by then
             run = subprocess.Popen([ESMC, "replay", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             time.sleep(patience)
@@ -328,5 +275,4 @@ class Replay(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
+    main()

@@ -1,38 +1,17 @@
 #!/usr/bin/env python3
 """What a run and a check tell the user: faults, chatter, saturation, overload, progress, report; wrong arguments.
-usage: runs_test.py ESMC SCENES_DIR [unittest args]"""
-import csv
+usage: runs_test.py ESMC [unittest args]"""
 import json
 import os
 import pty
 import re
 import signal
 import subprocess
-import sys
-import tempfile
-import unittest
-from pathlib import Path
 
-ESMC = SCENES = ""
+from command import ARM, CIRCLE, ESMC, FRICTION, SCENES, Case, esmc, main, read_table, sets
 
 
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
-
-
-def sets(*values):
-    return [a for v in values for a in ("--set", v)]
-
-
-class Told(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.circle, self.friction, self.rr = (Path(SCENES, n + ".toml") for n in ("five_bar_circle", "five_bar_friction", "rr_line"))
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Told(Case):
     def report(self, out):
         page = (out / "report.html").read_text()
         return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)[1])
@@ -40,15 +19,15 @@ class Told(unittest.TestCase):
     def test_a_fault_has_a_time_and_tracking_ends_with_it(self):
         # Join from rest, and a limit that is crossed when the circle has been followed for a while.
         for command in ("sim", "hil"):
-            args = [command, self.circle, *sets("reference.join=0.3", "limits.joint_speed=7.5"), "--out", self.tmp / command]
+            args = [command, CIRCLE, *sets("reference.join=0.3", "limits.joint_speed=7.5"), "--out", self.tmp / command]
             text = esmc(*args)
             self.assertEqual(text.returncode, 1)
             s = json.loads((self.tmp / command / "summary.json").read_text())
-            with open(self.tmp / command / "log.csv", newline="", encoding="utf-8") as f:
-                rows = list(csv.DictReader(f))
+            rows = read_table(self.tmp / command / "log.csv")
             first = next(i for i, r in enumerate(rows) if r["state"] == "fault")
             self.assertGreater(first, 300)
-            self.assertEqual(s["supervisor"]["fault_t_s"], float(rows[first]["t"]))
+            self.assertEqual((s["supervisor"]["final_state"], s["supervisor"]["fault_t_s"]), ("fault", float(rows[first]["t"])))
+            self.assertEqual({float(r[t]) for r in rows if r["state"] == "fault" for t in ("tau11", "tau21")}, {0.0})
             # What the guard saw: the row's measurement, which is beyond the limit, of the joint that is named.
             fault, = s["supervisor"]["faults"]
             joint = fault["where"].split(",")[0]
@@ -63,26 +42,26 @@ class Told(unittest.TestCase):
             self.assertAlmostEqual(s["tracking"]["settled_max_m"], max(distance[250:first]), delta=1e-12)
             self.assertLess(s["tracking"]["max_m"], 1e-3)
             self.assertGreater(max(distance), 0.05)
-        s = json.loads(esmc("sim", self.circle, "--json", *sets("limits.joint_speed=5")).stdout)
+        s = json.loads(esmc("sim", CIRCLE, "--json", *sets("limits.joint_speed=5")).stdout)
         self.assertIsNone(s["tracking"]["settled_max_m"])
-        self.assertIsNone(json.loads(esmc("sim", self.circle, "--json").stdout)["supervisor"]["fault_t_s"])
+        self.assertIsNone(json.loads(esmc("sim", CIRCLE, "--json").stdout)["supervisor"]["fault_t_s"])
 
     def test_chatter_saturation_and_overload_are_said(self):
-        quiet = esmc("hil", self.circle).stdout
+        quiet = esmc("hil", CIRCLE).stdout
         for word in ("chatter", "decides", "cannot carry"):
             self.assertNotIn(word, quiet)
-        sign = esmc("sim", self.circle, "--out", self.tmp, *sets("control.reaching=sign")).stdout
+        sign = esmc("sim", CIRCLE, "--out", self.tmp, *sets("control.reaching=sign")).stdout
         self.assertRegex(sign, r"\nCHECK: chatter: .* changes by \d+ % of its maximum")
         self.assertRegex(sign, r"; saturated in 19\d\d of 2000 ticks: the torque limit decides")
         self.assertEqual(len(self.report(self.tmp)["summary"]["verdict"]["reasons"]), 4)
-        self.assertRegex(esmc("hil", self.circle, *sets("bus.bitrate=250000")).stdout, r"\nCHECK: bus load 2\d\d %: a real bus cannot carry")
-        free = esmc("sim", self.circle, *sets("control.law=none", "simulation.duration=0.001")).stdout
+        self.assertRegex(esmc("hil", CIRCLE, *sets("bus.bitrate=250000")).stdout, r"\nCHECK: bus load 2\d\d %: a real bus cannot carry")
+        free = esmc("sim", CIRCLE, *sets("control.law=none", "simulation.duration=0.001")).stdout
         self.assertNotIn("chatter", free)
         self.assertIn(" 1 tick (", free)
         self.assertIn("saturated in 0 ticks", free)
 
     def test_the_report_has_every_limit_and_a_command_that_can_be_typed(self):
-        run = esmc("hil", self.rr, "--out", self.tmp, *sets("simulation.duration=0.05"))
+        run = esmc("hil", ARM, "--out", self.tmp, *sets("simulation.duration=0.05"))
         self.assertEqual(run.returncode, 0)
         data = self.report(self.tmp)
         self.assertEqual(data["torque_limit"], [15.0, 6.0])
@@ -98,45 +77,42 @@ class Told(unittest.TestCase):
         return j, " / ".join(f["level"] + ": " + f["text"] for f in j["findings"])
 
     def test_check_knows_what_rings(self):
-        self.assertEqual(self.check(self.friction)[1], "")
-        self.assertIn("warning: sensors and drives of this scene are late by about 2 ticks", self.check(self.friction, "control.delay_ticks=0")[1])
+        self.assertEqual(self.check(FRICTION)[1], "")
+        self.assertIn("warning: sensors and drives of this scene are late by about 2 ticks", self.check(FRICTION, "control.delay_ticks=0")[1])
         noise = 'effects=[{type="noise",sigma=1e-4,bandwidth=500}]'
-        self.assertIn("set control.delay_ticks = 4", self.check(self.circle, noise, code=1)[1])
-        self.assertEqual(self.check(self.circle, noise, "control.law=ctc")[1], "")
-        self.assertIn("1 / (1 + delay_ticks) + lambda * tick = 0.813, better below 0.53", self.check(self.friction, "control.lambda=480", code=None)[1])
-        steep = self.check(self.circle, "control.reaching=saturation", code=1)[1]
+        self.assertIn("set control.delay_ticks = 4", self.check(CIRCLE, noise, code=1)[1])
+        self.assertEqual(self.check(CIRCLE, noise, "control.law=ctc")[1], "")
+        self.assertIn("1 / (1 + delay_ticks) + lambda * tick = 0.813, better below 0.53", self.check(FRICTION, "control.lambda=480", code=None)[1])
+        steep = self.check(CIRCLE, "control.reaching=saturation", code=1)[1]
         self.assertIn("warning: (gain / layer + lambda) * tick = 3.04, at most 1, half of what makes", steep)
         self.assertIn("error: the sampled loop is unstable at rest", steep)
         layer = ("control.reaching=tanh", "control.layer=0.4")
-        self.assertIn("warning: (gain / layer + lambda) * tick = 0.415, better below 0.3", self.check(self.circle, *layer)[1])
-        self.assertEqual(self.check(self.circle, *layer, "control.gain=90")[1], "")
+        self.assertIn("warning: (gain / layer + lambda) * tick = 0.415, better below 0.3", self.check(CIRCLE, *layer)[1])
+        self.assertEqual(self.check(CIRCLE, *layer, "control.gain=90")[1], "")
         late = 'effects=[{type="delay",ticks=1},{type="compute_delay",time=1e-3}]'
-        self.assertIn("at most 0.31, half of what makes the loop ring by itself with a delay of 2 ticks", self.check(self.circle, *layer, late)[1])
-        self.assertIn("node 0", self.check(self.circle, "drives.nodes=[0, 1]")[1])
-        self.assertIn("less than the 10 ms between two heartbeats", self.check(self.circle, "drives.heartbeat_timeout=0.009")[1])
-        self.assertIn("for so long a drive without heartbeats", self.check(self.circle, "drives.heartbeat_timeout=0.11")[1])
+        self.assertIn("at most 0.31, half of what makes the loop ring by itself with a delay of 2 ticks", self.check(CIRCLE, *layer, late)[1])
+        self.assertIn("node 0", self.check(CIRCLE, "drives.nodes=[0, 1]")[1])
+        self.assertIn("less than the 10 ms between two heartbeats", self.check(CIRCLE, "drives.heartbeat_timeout=0.009")[1])
+        self.assertIn("for so long a drive without heartbeats", self.check(CIRCLE, "drives.heartbeat_timeout=0.11")[1])
         for fine in ("drives.heartbeat_timeout=0.01", "drives.heartbeat_timeout=0.1"):
-            self.assertEqual(self.check(self.circle, fine)[1], "")
+            self.assertEqual(self.check(CIRCLE, fine)[1], "")
 
     def test_check_tells_sim_from_a_bus_as_hil_does(self):
-        self.assertTrue(self.check(self.circle)[0]["runs_on_bus"])
+        self.assertTrue(self.check(CIRCLE)[0]["runs_on_bus"])
         for values in (["control.law=none"], ["control.sensors=all"], ["control.motors=all", "drives.nodes=[1, 2]", "control.rate_hz=500"]):
-            j = self.check(self.circle, *values)[0]
+            j = self.check(CIRCLE, *values)[0]
             self.assertEqual((j["runs"], j["runs_on_bus"]), (True, False))
-            text = esmc("check", self.circle, *sets(*values)).stdout
+            text = esmc("check", CIRCLE, *sets(*values)).stdout
             self.assertIn("fit for sim, not for a bus: ", text)
             self.assertIn(j["not_on_bus_because"], text)
-            refused = esmc("hil", self.circle, *sets(*values))
-            self.assertEqual(refused.returncode, 2)
-            self.assertIn(j["not_on_bus_because"], refused.stderr)
+            self.refused(esmc("hil", CIRCLE, *sets(*values)), j["not_on_bus_because"])
 
     def test_check_writes_the_torques_along_the_reference(self):
-        for scene, motors, more in ((self.circle, ["tau11", "tau21"], ["abs_D2"]), (self.rr, ["tau1", "tau2"], [])):
+        for scene, motors, more in ((CIRCLE, ["tau11", "tau21"], ["abs_D2"]), (ARM, ["tau1", "tau2"], [])):
             out = self.tmp / scene.stem
             j = json.loads(esmc("check", scene, "--out", out, "--json").stdout)
             self.assertEqual({p.name for p in out.iterdir()}, {"check.csv", "check.json", "report.html", "scene.toml"})
-            with open(out / "check.csv", newline="", encoding="utf-8") as f:
-                rows = list(csv.DictReader(f))
+            rows = read_table(out / "check.csv")
             base = [m.replace("tau", "theta") + "_ref" for m in motors]
             self.assertEqual(list(rows[0]), ["t", "x_ref", "y_ref", *base, *motors, "min_abs_sin_type1", *more])
             self.assertEqual(len(rows), {"five_bar_circle": 2000, "rr_line": 3200}[scene.stem])
@@ -144,21 +120,19 @@ class Told(unittest.TestCase):
                 self.assertEqual(max(abs(float(r[m])) for r in rows), j["margins"]["max_torque_nm"][i])
             self.assertEqual(min(float(r["min_abs_sin_type1"]) for r in rows), j["margins"]["min_abs_sin_type1"])
         # The torques of the reference are those of a run that follows it.
-        esmc("sim", self.rr, "--out", self.tmp / "run", *sets("simulation.duration=0.8"))
-        with open(self.tmp / "run/log.csv", newline="", encoding="utf-8") as f:
-            for a, b in list(zip(csv.DictReader(f), rows))[300:700:50]:
-                self.assertAlmostEqual(float(a["tau1"]), float(b["tau1"]), delta=0.02)
+        esmc("sim", ARM, "--out", self.tmp / "run", *sets("simulation.duration=0.8"))
+        for a, b in list(zip(read_table(self.tmp / "run/log.csv"), rows))[300:700:50]:
+            self.assertAlmostEqual(float(a["tau1"]), float(b["tau1"]), delta=0.02)
 
     def test_check_tells_how_much_preload_is_left(self):
-        scene = self.circle.parent / "five_bar_preload.toml"
+        scene = SCENES / "five_bar_preload.toml"
         j, text = self.check(scene)
         self.assertNotIn("preload", text)
         self.assertEqual(j["margins"]["least_preload_nm"], [0.05] * 4)
         asked, out = [0.1, -0.1, 0.1, -0.1], self.tmp / "preload"
         j = json.loads(esmc("check", scene, "--out", out, "--json", *sets(f"control.preload={asked}")).stdout)
         text = "\n".join(f["text"] for f in j["findings"])
-        with open(out / "check.csv", newline="", encoding="utf-8") as f:
-            rows = list(csv.DictReader(f))
+        rows = read_table(out / "check.csv")
         for i, motor in enumerate(("tau11", "tau12", "tau21", "tau22")):
             towards = asked[i] / abs(asked[i])
             left = min(towards * float(r[motor]) for r in rows)
@@ -170,17 +144,17 @@ class Told(unittest.TestCase):
         self.assertEqual(text.count("its sign is lost"), 2)  # of the base motors
 
     def test_check_warns_of_a_prediction_beyond_the_delay(self):
-        observer, predict = self.circle.parent / "five_bar_observer.toml", ("control.predictor=true", "control.delay_ticks=2")
+        observer, predict = SCENES / "five_bar_observer.toml", ("control.predictor=true", "control.delay_ticks=2")
         beyond = "what it foresees has happened already"
         self.assertNotIn(beyond, self.check(observer)[1])  # two ticks late, and told so
         self.assertIn(beyond, self.check(observer, "effects=[]", code=1)[1])
-        self.assertIn(beyond, self.check(self.rr, *predict, code=1)[1])
-        ringing, quiet = (json.loads(esmc("sim", self.rr, "--json", *sets(*more)).stdout)["torque"]["saturated_ticks"] for more in (predict, predict[1:]))
+        self.assertIn(beyond, self.check(ARM, *predict, code=1)[1])
+        ringing, quiet = (json.loads(esmc("sim", ARM, "--json", *sets(*more)).stdout)["torque"]["saturated_ticks"] for more in (predict, predict[1:]))
         self.assertGreater(ringing, 1000)
         self.assertEqual(quiet, 0)
 
     def test_check_warns_of_an_observer_that_is_too_fast_for_the_delay(self):
-        observer, rings = self.circle.parent / "five_bar_observer.toml", "it rings by itself: a smaller bandwidth"
+        observer, rings = SCENES / "five_bar_observer.toml", "it rings by itself: a smaller bandwidth"
         late = ("effects=[{type='encoder', bits=16}]", "control.delay_ticks=0", "control.predictor=false", "control.sensor_lag_ticks=2")
         self.assertNotIn(rings, self.check(observer)[1])  # its delay is told
         for bandwidth, said in ((300, False), (500, True), (50000, True)):
@@ -189,25 +163,22 @@ class Told(unittest.TestCase):
                           for w in (300, 1000))
         self.assertLess(quiet, 0.03)
         self.assertGreater(ringing, 0.3)
-        twisting = self.circle.parent / "five_bar_super_twisting.toml"
+        twisting = SCENES / "five_bar_super_twisting.toml"
         self.assertNotIn("holds against nothing", self.check(twisting)[1])
         self.assertIn("the law holds against nothing", self.check(twisting, "control.gain=0")[1])
 
     def test_arguments(self):
         for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
                             (["bogus", "--help"], ["unknown subcommand 'bogus'"]),
-                            (["sim", self.circle, "--bus", "virtual"], ["sim has no --bus; see esmc sim --help"]),
-                            (["check", self.circle, "--seed", "2"], ["check has no --seed"]),
-                            (["sim", self.circle, "more"], ["'more'"])):
-            run = esmc(*args)
-            self.assertEqual((run.returncode, run.stdout), (2, ""))
-            for word in words:
-                self.assertIn(word, run.stderr)
+                            (["sim", CIRCLE, "--bus", "virtual"], ["sim has no --bus; see esmc sim --help"]),
+                            (["check", CIRCLE, "--seed", "2"], ["check has no --seed"]),
+                            (["sim", CIRCLE, "more"], ["'more'"])):
+            self.refused(esmc(*args), *words)
         for half in ("plant", "controller"):
             self.assertNotIn("virtual", esmc(half, "--help").stdout)
 
     def test_progress_only_on_a_terminal(self):
-        long = [ESMC, "sim", str(self.circle), *sets("simulation.duration=100000")]
+        long = [ESMC, "sim", str(CIRCLE), *sets("simulation.duration=100000")]
         try:
             ours, theirs = pty.openpty()
         except OSError as reason:
@@ -234,5 +205,4 @@ class Told(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

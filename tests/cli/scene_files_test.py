@@ -1,59 +1,37 @@
 #!/usr/bin/env python3
 """Scene files, --set and --out from outside: what a message says, what an override replaces, what is left behind.
-usage: scene_files_test.py ESMC SCENES_DIR [unittest args]"""
+usage: scene_files_test.py ESMC [unittest args]"""
 import json
-import subprocess
-import sys
-import tempfile
-import unittest
-from pathlib import Path
 
-ESMC = SCENES = ""
+from command import ARM, CIRCLE, SCENES, Case, esmc, main, sets
 
 
-def esmc(*args, cwd=None):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120, cwd=cwd)
-
-
-class Scenes(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.circle, self.rr = Path(SCENES, "five_bar_circle.toml"), Path(SCENES, "rr_line.toml")
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Scenes(Case):
     def changed(self, old, new):
-        text = self.circle.read_text()
+        text = CIRCLE.read_text()
         self.assertIn(old, text)
         path = self.tmp / "s.toml"
         path.write_text(text.replace(old, new, 1))
         return path
 
-    def says(self, scene, *sets, words=(), without=()):
-        run = esmc("sim", scene, "--set", "simulation.duration=0.1", *(a for s in sets for a in ("--set", s)))
-        self.assertEqual(run.returncode, 2, run.stderr + run.stdout)
-        self.assertEqual(len(run.stderr.splitlines()), 1)
-        for word in words:
-            self.assertIn(word, run.stderr)
+    def says(self, scene, *values, words=(), without=()):
+        run = esmc("sim", scene, *sets("simulation.duration=0.1", *values))
+        self.refused(run, *words)
         for word in without:
             self.assertNotIn(word, run.stderr)
 
-    def runs(self, scene, *sets):
-        run = esmc("sim", scene, "--json", "--set", "simulation.duration=0.05", *(a for s in sets for a in ("--set", s)))
-        self.assertEqual(run.returncode, 0, run.stderr)
-        return json.loads(run.stdout)
+    def runs(self, scene, *values):
+        return self.document("sim", scene, *sets("simulation.duration=0.05", *values))
 
     def test_a_slip_of_the_pen_is_named_before_the_key_that_is_missing_for_it(self):
         self.says(self.changed("lambda = 40.0", "lamda = 40.0"), words=["s.toml:19: unknown key 'control.lamda'", "mean 'lambda'?"])
         self.says(self.changed("[simulation]", "[simulatoin]"), words=["unknown key 'simulatoin'", "mean 'simulation'?"])
         self.says(self.changed("radius = 0.07", "raduis = 0.07"), words=["unknown key 'reference.raduis'", "mean 'radius'?"])
         self.says(self.changed("lambda = 40.0", "banana = 40.0"), words=["unknown key 'control.banana'"], without=["mean"])
-        self.says(self.circle, "reference.position=[0, 0]", words=["it belongs to type = \"hold\""])
+        self.says(CIRCLE, "reference.position=[0, 0]", words=["it belongs to type = \"hold\""])
 
     def test_all_errors_of_a_file_are_named_at_once(self):
-        text = self.circle.read_text()
+        text = CIRCLE.read_text()
         for old, new in (('law = "esmc"', 'law = "emsc"'), ("lambda = 40.0", "lamda = 40.0"), ("radius = 0.07", 'radius = "x"'),
                          ("nodes = [1, 2]", "nodes = [1, 2, 3]"), ("step = 5e-4", "step = -1")):
             self.assertIn(old, text)
@@ -70,26 +48,26 @@ class Scenes(unittest.TestCase):
             number = next(i for i, x in enumerate(text.splitlines(), 1) if x.split("=")[0].strip() == what.split("'")[1].split(".")[1])
             self.assertTrue(line.startswith(f"esmc: {path}:{number}: {what}"), line)
             self.assertIn(more, line)
-        path.write_text(self.circle.read_text() + "".join(f"key{i} = 1\n" for i in range(30)))
+        path.write_text(CIRCLE.read_text() + "".join(f"key{i} = 1\n" for i in range(30)))
         lines = esmc("sim", path).stderr.splitlines()
         self.assertEqual((len(lines), lines[-1]), (20, "esmc: and 11 more errors"))
 
     def test_slips_have_suggestions(self):
-        self.says(self.circle, "control.law=emsc", words=["did you mean esmc?"])
-        self.says(self.circle, "lambda=30", words=["did you mean 'control.lambda'?"])
-        self.says(self.circle, "name=a b", words=["""quote it: --set 'name="..."'"""])
-        self.says(self.circle, 'effects=[{type="encoder"}]', words=["missing key 'effects[1].bits' of type = \"encoder\" (integer"])
+        self.says(CIRCLE, "control.law=emsc", words=["did you mean esmc?"])
+        self.says(CIRCLE, "lambda=30", words=["did you mean 'control.lambda'?"])
+        self.says(CIRCLE, "name=a b", words=["""quote it: --set 'name="..."'"""])
+        self.says(CIRCLE, 'effects=[{type="encoder"}]', words=["missing key 'effects[1].bits' of type = \"encoder\" (integer"])
 
     def test_entries_count_from_one(self):
         def of(*sets):
-            return self.runs(self.circle, *sets)["digest"]
+            return self.runs(CIRCLE, *sets)["digest"]
         leg = "{ l1 = %g, l2 = 0.16, lg1 = 0.06, lg2 = 0.068, m1 = 0.1, m2 = 0.1, J1 = 2e-4, J2 = 7e-4 }"
         two = self.changed("leg = " + leg % 0.12, "legs = [" + leg % 0.121 + ", " + leg % 0.12 + "]")
         self.assertEqual(of("mechanism.legs.1.l1=0.121"), self.runs(two)["digest"])
         self.assertEqual(self.runs(two, "mechanism.legs.1.l1=0.12")["digest"], of())
         self.assertNotEqual(of("mechanism.legs.2.l1=0.121"), of("mechanism.legs.1.l1=0.121"))
-        self.says(self.circle, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
-        self.says(self.circle, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])
+        self.says(CIRCLE, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
+        self.says(CIRCLE, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])
         friction = 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'
         self.assertEqual(of(friction, "effects.1.coefficient=[0.02, 0.02]"), of(friction.replace("0.01", "0.02")))
 
@@ -97,8 +75,8 @@ class Scenes(unittest.TestCase):
         for one, all_of_them in (("drives.gear_ratio=4", "drives.gear_ratio=[4, 4]"), ("drives.direction=-1", "drives.direction=[-1, -1]"),
                                  ('effects=[{type="viscous_friction", coefficient=0.01}]', 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'),
                                  ('effects=[{type="coulomb_friction", torque=0.02}]', 'effects=[{type="coulomb_friction", torque=[0.02, 0.02]}]')):
-            self.assertEqual(self.runs(self.circle, one)["digest"], self.runs(self.circle, all_of_them)["digest"])
-        self.says(self.circle, "reference.center=0.1", words=["'reference.center' must be 2 numbers"])  # of a point
+            self.assertEqual(self.runs(CIRCLE, one)["digest"], self.runs(CIRCLE, all_of_them)["digest"])
+        self.says(CIRCLE, "reference.center=0.1", words=["'reference.center' must be 2 numbers"])  # of a point
 
     def test_help_and_version(self):
         self.assertEqual(esmc("-V").stdout, esmc("--version").stdout)
@@ -109,30 +87,30 @@ class Scenes(unittest.TestCase):
     def test_a_folder_of_other_files_is_no_place_for_results(self):
         (self.tmp / "docs").mkdir()
         (self.tmp / "docs" / "page.md").write_text("x")
-        run = esmc("sim", self.circle, "--out", self.tmp / "docs", "--set", "simulation.duration=0.01")
+        run = esmc("sim", CIRCLE, "--out", self.tmp / "docs", "--set", "simulation.duration=0.01")
         self.assertEqual((run.returncode, [p.name for p in (self.tmp / "docs").iterdir()]), (2, ["page.md"]))
         self.assertIn("page.md is there, which no earlier run has left", run.stderr)
 
     def test_bare_words_are_strings(self):
-        self.assertEqual(self.runs(self.circle, "name=Foo/a-b_1.c")["scene"], "Foo/a-b_1.c")
-        self.says(self.circle, "control.law=SMC", words=["--set control.law=SMC: 'control.law' must be one of: esmc"])
-        self.says(self.circle, "name=a b", words=["neither a TOML value nor a bare word"])
+        self.assertEqual(self.runs(CIRCLE, "name=Foo/a-b_1.c")["scene"], "Foo/a-b_1.c")
+        self.says(CIRCLE, "control.law=SMC", words=["--set control.law=SMC: 'control.law' must be one of: esmc"])
+        self.says(CIRCLE, "name=a b", words=["neither a TOML value nor a bare word"])
 
     def test_another_type_or_start_drops_the_keys_of_the_former(self):
-        self.runs(self.circle, "initial.position=[0, 0.2]", "reference.type=hold")
-        self.runs(self.circle, "initial.position=[0, 0.2]", 'reference={type="hold"}')
-        self.runs(self.circle, "initial.joints=[0.5, 0.5]", "initial.joint_rates=[0, 0]")
-        self.runs(self.circle, "reference.from=[0, 0.2]", "reference.type=line", "reference.to=[0.02, 0.2]", "reference.duration=1")
-        self.says(self.circle, "reference.type=hold", words=["reference.type=hold", "[initial] needs position or joints"])
-        self.says(self.circle, 'reference={type="hold", radius=1}', words=["unknown key 'reference.radius'", "type = \"circle\""])
-        self.says(self.circle, "initial.joints=[0.5, 0.5]", "initial.position=[0, 0.2]", words=["one of at, position, joints"])
+        self.runs(CIRCLE, "initial.position=[0, 0.2]", "reference.type=hold")
+        self.runs(CIRCLE, "initial.position=[0, 0.2]", 'reference={type="hold"}')
+        self.runs(CIRCLE, "initial.joints=[0.5, 0.5]", "initial.joint_rates=[0, 0]")
+        self.runs(CIRCLE, "reference.from=[0, 0.2]", "reference.type=line", "reference.to=[0.02, 0.2]", "reference.duration=1")
+        self.says(CIRCLE, "reference.type=hold", words=["reference.type=hold", "[initial] needs position or joints"])
+        self.says(CIRCLE, 'reference={type="hold", radius=1}', words=["unknown key 'reference.radius'", "type = \"circle\""])
+        self.says(CIRCLE, "initial.joints=[0.5, 0.5]", "initial.position=[0, 0.2]", words=["one of at, position, joints"])
         joined = self.changed('type = "circle"', 'join = 0.04\ntype = "circle"')
         self.assertLess(self.runs(joined, "initial.position=[0, 0.2]", "reference.type=hold", "reference.position=[0, 0.21]")
                         ["torque"]["saturated_ticks"], 30)
 
     def test_findings_that_depend_on_a_set_name_it(self):
         for value in ("reference.radius=70", "reference.radius=0.12", "mechanism.assembly_mode=+", "control.law=pd"):
-            self.says(self.circle, value, words=["five_bar_circle.toml:", f" with --set {value}: "])
+            self.says(CIRCLE, value, words=["five_bar_circle.toml:", f" with --set {value}: "])
         self.says(self.changed("radius = 0.07", "radius = 70"), words=["s.toml:24: (70"])
 
     def test_grammar(self):
@@ -141,7 +119,7 @@ class Scenes(unittest.TestCase):
                              ("mechanism.gravity=-1", "must be a number from 0 to 1000"),
                              ("drives.direction=[0.5, 1]", "'drives.direction' must be 1 or -1"),
                              ("drives.nodes=[1, 1]", "'drives.nodes' names node 1 twice")):
-            self.says(self.circle, value, words=[words])
+            self.says(CIRCLE, value, words=[words])
         mit = "drives.protocol=mit"
         for value, words in (("drives.master_id=1.5", "'drives.master_id' must be an integer from 0 to 2047"),
                              ("drives.master_id=2048", "'drives.master_id' must be an integer or integers"),
@@ -151,15 +129,15 @@ class Scenes(unittest.TestCase):
                              ("drives.position_range=0", "'drives.position_range' must be"),
                              ("drives.dialect=mit", "must be one of: mini_cheetah | cubemars | damiao | cubemars_v3"),
                              ("drives.nodes=[0, 1]", "'drives.nodes' must be from 1")):
-            self.says(self.circle, mit, value, words=[words])
-        self.says(self.circle, mit, "drives.dialect=damiao", "drives.nodes=[1, 16]", words=["must be from 1 to 15"])
-        self.says(self.rr, 'mechanism.working_mode="-"', words=['must be ["+"] or ["-"]'])
+            self.says(CIRCLE, mit, value, words=[words])
+        self.says(CIRCLE, mit, "drives.dialect=damiao", "drives.nodes=[1, 16]", words=["must be from 1 to 15"])
+        self.says(ARM, 'mechanism.working_mode="-"', words=['must be ["+"] or ["-"]'])
         self.says(SCENES, words=["is a directory"])
-        run = esmc("sim", self.circle, "--out", self.circle)
+        run = esmc("sim", CIRCLE, "--out", CIRCLE)
         self.assertEqual((run.returncode, run.stderr.strip()[-15:]), (2, "Not a directory"))
 
     def test_the_scene_as_run_has_the_numbers_that_were_typed(self):
-        text = self.rr.read_text().replace("l1 = 0.30", "l1 = 0.35").replace('"rr-line"', "\"a \\\"b\\\"\\n'c'\"")
+        text = ARM.read_text().replace("l1 = 0.30", "l1 = 0.35").replace('"rr-line"', "\"a \\\"b\\\"\\n'c'\"")
         (self.tmp / "a.toml").write_text(text + '[[effects]]\ntype = "viscous_friction"\ncoefficient = [0.3, 1e-9]\n')
         first = esmc("sim", self.tmp / "a.toml", "--json", "--out", self.tmp / "o")
         self.assertEqual(first.returncode, 0, first.stderr)
@@ -179,12 +157,11 @@ class Scenes(unittest.TestCase):
         self.assertEqual((out / "scene_reference.csv").read_text(), (self.tmp / "p.csv").read_text())
         again = esmc("sim", out / "scene.toml", "--json", "--out", out)
         self.assertEqual(json.loads(again.stdout)["digest"], json.loads(first.stdout)["digest"])
-        esmc("sim", self.circle, "--out", out)
+        esmc("sim", CIRCLE, "--out", out)
         self.assertFalse((out / "scene_reference.csv").exists())
         (self.tmp / "p.csv").write_text("t,x,y\n0,0,0.2\n0.02,0.001,0.2\n")
         self.says(scene, words=["p.csv:2: three or more points"])
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

@@ -1,47 +1,27 @@
 #!/usr/bin/python3
-"""`esmc spatial` from outside: bad scenes, digests that must or must not change, faults, files. usage: spatial_test.py ESMC SCENES"""
-import csv
+"""`esmc spatial` from outside: bad scenes, digests that must or must not change, faults, files. usage: spatial_test.py ESMC"""
 import json
 import math
-import os
 import signal
 import subprocess
-import sys
-import tempfile
 import time
-import unittest
-from pathlib import Path
 
-ESMC = SCENES = None
-BODY, PLATFORM = "free_body.toml", "hexapod.toml"
+from command import ARM, ESMC, SCENES, Case, esmc, main, read_table, sets
+
+BODY, PLATFORM = (SCENES / "spatial" / f"{n}.toml" for n in ("free_body", "hexapod"))
 
 
 def run(*arguments):
-    return subprocess.run([ESMC, "spatial", *map(str, arguments)], capture_output=True, text=True, timeout=120)
+    return esmc("spatial", *arguments)
 
 
-def sets(*values):
-    return [a for v in values for a in ("--set", v)]
-
-
-class Spatial(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.tmp = Path(folder.name)
-
+class Spatial(Case):
     def summary(self, scene, *values, more=(), code=0):
-        r = run(SCENES / scene, *sets(*values), "--json", *more)
-        self.assertEqual((r.returncode, r.stderr), (code, ""), r)
-        return json.loads(r.stdout)
+        return self.document("spatial", scene, *sets(*values), *more, code=code)
 
-    def refused(self, *arguments, words):
+    def bad(self, *arguments, words):
         out = self.tmp / "out"
-        r = run(*arguments, "--out", out)
-        self.assertEqual((r.returncode, r.stdout), (2, ""), r)
-        self.assertTrue(r.stderr.startswith("esmc: ") and r.stderr.count("\n") == 1, r.stderr)
-        for word in words:
-            self.assertIn(word, r.stderr)
+        self.refused(run(*arguments, "--out", out), *words)
         self.assertFalse(out.exists())
 
     def test_bad_scenes_are_named_by_file_line_and_key(self):
@@ -60,20 +40,20 @@ class Spatial(unittest.TestCase):
         ]
         for scene, old, new, words in cases:
             with self.subTest(new=new):
-                text = (SCENES / scene).read_text(encoding="utf-8")
+                text = scene.read_text(encoding="utf-8")
                 self.assertIn(old, text)
                 bad = self.tmp / "bad.toml"
                 bad.write_text(text.replace(old, new, 1), encoding="utf-8")
                 line = text[:text.index(old)].count("\n") + 1 + new.count("\n")
-                self.refused(bad, words=words + [f"bad.toml:{line}:"])
-        self.refused(SCENES / BODY, *sets("control.model.legs=2", "platform.mass=1"), words=["either [body] or [platform]"])
-        self.refused(SCENES / BODY, *sets("simulation.step=1e-300"), words=["simulation.step", "1e6 steps"])
-        self.refused(SCENES / BODY, *sets("simulation.duration=1e-300"), words=["simulation.duration", "control ticks"])
-        self.refused(SCENES / ".." / "rr_line.toml", words=["rr_line.toml", "either [body] or [platform]"])
-        self.refused(self.tmp / "nowhere.toml", words=["nowhere.toml"])
+                self.bad(bad, words=words + [f"bad.toml:{line}:"])
+        self.bad(BODY, *sets("control.model.legs=2", "platform.mass=1"), words=["either [body] or [platform]"])
+        self.bad(BODY, *sets("simulation.step=1e-300"), words=["simulation.step", "1e6 steps"])
+        self.bad(BODY, *sets("simulation.duration=1e-300"), words=["simulation.duration", "control ticks"])
+        self.bad(ARM, words=["rr_line.toml", "either [body] or [platform]"])
+        self.bad(self.tmp / "nowhere.toml", words=["nowhere.toml"])
         without = self.tmp / "without.toml"
-        without.write_text((SCENES / BODY).read_text(encoding="utf-8").replace("moment_limit = 20.0\n", ""), encoding="utf-8")
-        self.refused(without, words=["without.toml", "control.moment_limit"])
+        without.write_text((BODY).read_text(encoding="utf-8").replace("moment_limit = 20.0\n", ""), encoding="utf-8")
+        self.bad(without, words=["without.toml", "control.moment_limit"])
 
     def test_signs_of_quaternions_change_no_bit(self):
         for scene in (BODY, PLATFORM):
@@ -131,11 +111,10 @@ class Spatial(unittest.TestCase):
         self.assertAlmostEqual(j["fault"]["t"], 0.612, delta=0.02)
         self.assertIsNone(j["tracking"]["settled_rms_deg"])
         out = self.tmp / "out"
-        r = run(SCENES / PLATFORM, *sets("reference={type=\"turn\", axis=[0,0,1], angle=2.0, duration=1.0}", "control.force_limit=1e5"), "--out", out)
+        r = run(PLATFORM, *sets("reference={type=\"turn\", axis=[0,0,1], angle=2.0, duration=1.0}", "control.force_limit=1e5"), "--out", out)
         self.assertEqual(r.returncode, 1, r)
         self.assertIn("fault: type2", r.stdout)
-        with (out / "log.csv").open(newline="", encoding="utf-8") as f:
-            rows = list(csv.DictReader(f))
+        rows = read_table(out / "log.csv")
         at = json.loads((out / "summary.json").read_text(encoding="utf-8"))["fault"]["t"]
         for row in rows:
             forces = [float(row[f"u{i}"]) for i in range(1, 7)]
@@ -143,20 +122,19 @@ class Spatial(unittest.TestCase):
 
     def test_files(self):
         out = self.tmp / "out"
-        r = run(SCENES / BODY, *sets("simulation.duration=0.1"), "--out", out)
+        r = run(BODY, *sets("simulation.duration=0.1"), "--out", out)
         self.assertEqual(r.returncode, 0, r)
         self.assertEqual(sorted(f.name for f in out.iterdir()), ["log.csv", "scene.toml", "summary.json"])
         again = run(out / "scene.toml", "--json")
         first = json.loads((out / "summary.json").read_text(encoding="utf-8"))
         self.assertEqual(json.loads(again.stdout)["digest"], first["digest"])
-        with (out / "log.csv").open(newline="", encoding="utf-8") as f:
-            rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
+        rows = [{k: float(v) for k, v in row.items()} for row in read_table(out / "log.csv")]
         self.assertEqual(len(rows), first["ticks"])
         for row in rows:
             a, b = ([row[k + of] for k in ("qw", "qx", "qy", "qz")] for of in ("", "_ref"))
             angle = 2 * math.degrees(math.acos(min(1.0, abs(sum(x * y for x, y in zip(a, b))))))
             self.assertAlmostEqual(angle, row["angle_deg"], delta=1e-5)
-        before = (SCENES / BODY).read_text(encoding="utf-8")
+        before = (BODY).read_text(encoding="utf-8")
         own = self.tmp / "own"
         own.mkdir()
         (own / "scene.toml").write_text(before, encoding="utf-8")
@@ -165,7 +143,7 @@ class Spatial(unittest.TestCase):
 
     def test_interrupt(self):
         out = self.tmp / "out"
-        p = subprocess.Popen([ESMC, "spatial", SCENES / PLATFORM, *sets("simulation.duration=1000.0"), "--json", "--out", out],
+        p = subprocess.Popen([ESMC, "spatial", PLATFORM, *sets("simulation.duration=1000.0"), "--json", "--out", out],
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         while not out.exists() and p.poll() is None:  # it reads the scene first, and listens before that
             time.sleep(0.01)
@@ -177,5 +155,4 @@ class Spatial(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = os.path.abspath(sys.argv[1]), Path(sys.argv[2])
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

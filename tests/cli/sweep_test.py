@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """esmc sweep from outside: bad specifications, the same files whatever the number of threads and processes, a kill in the
-middle and the same command again. Usage: sweep_test.py ESMC HOST_SIM [sanitized] [--sample COUNT]"""
+middle and the same command again. Usage: sweep_test.py ESMC [sanitized] [--sample COUNT]"""
 
-import csv
 import json
 import os
 import pathlib
@@ -13,13 +12,10 @@ import sys
 import tempfile
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
-import sample  # noqa: E402
+from command import CIRCLE as SCENE
+from command import ESMC, MORE, PROGRAM, SAMPLE, SCENES, esmc, read_table, sample, sets
 
-SAMPLE = sample.take_option(sys.argv)
-ESMC, HOST_SIM = str(pathlib.Path(sys.argv[1]).resolve()), pathlib.Path(sys.argv[2]).resolve()
-SCENE = HOST_SIM / "scenes" / "five_bar_circle.toml"
-SANITIZED = sys.argv[3:] == ["sanitized"]  # slow, and MPI has leaks of its own
+SANITIZED = MORE == ["sanitized"]  # slow, and MPI has leaks of its own
 N = 8 if SANITIZED else 240
 ALONE = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
 failed = 0
@@ -53,14 +49,10 @@ def check(condition, what):
         print(f"sweep_test: {what}")
 
 
-def run(*command, status=0):
-    r = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=ALONE)
-    check(r.returncode == status, f"{command}: status {r.returncode}, {r.stderr.strip()[:600]}")
-    return r
-
-
 def sweep(*arguments, status=0):
-    return run(ESMC, "sweep", *arguments, status=status)
+    r = esmc("sweep", *arguments, env=ALONE)
+    check(r.returncode == status, f"{arguments}: status {r.returncode}, {r.stderr.strip()[:600]}")
+    return r
 
 
 def refused(folder, text, *wanted):
@@ -139,7 +131,7 @@ def threads_and_processes(folder):
     j = json.loads(sweep(spec, "--json").stdout)
     check(j == json.loads((one / "summary.json").read_text()), "--json is not summary.json")
     program = folder / "program.toml"  # timed anew for every limit: another reference in each lane
-    program.write_text(f"""scene = "{SCENE.with_name("five_bar_pick_and_place.toml")}"
+    program.write_text(f"""scene = "{PROGRAM}"
 set = ["effects=[]", "simulation.duration=0.1"]
 [sample]
 method = "latin_hypercube"
@@ -159,12 +151,12 @@ to = 1.5
         check(not os.environ.get("CI"), "no MPI, and CI demands it")
         return print("sweep_test: MPI is not here, its part was left out")
     for n in (1, 2, 3):
-        mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", n, ESMC, "sweep"]
-        run(*mpirun, spec, "--out", folder / f"mpi{n}")
+        mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(n), ESMC, "sweep"]
+        subprocess.run([*mpirun, spec, "--out", folder / f"mpi{n}"], capture_output=True, check=True, env=ALONE)
         same(one, folder / f"mpi{n}", f"{n} processes")
     bad = folder / "bad.toml"
     bad.write_text("scene = 1", encoding="utf-8")
-    r = subprocess.run(list(map(str, [*mpirun, bad])), capture_output=True, text=True, check=False, timeout=60, env=ALONE)
+    r = subprocess.run([*mpirun, bad], capture_output=True, text=True, check=False, timeout=60, env=ALONE)
     check(r.returncode != 0 and r.stderr.count("bad.toml:1") == 1, f"under mpirun: {r.stderr}")
 
 
@@ -172,7 +164,7 @@ def what_the_table_says(folder):
     """A case of the table is what esmc sim says of that scene, and the design is what was asked for."""
     out = folder / "table"
     sweep(folder / "good.toml", "--out", out)
-    rows = list(csv.DictReader((out / "cases.csv").open(encoding="utf-8")))
+    rows = read_table(out / "cases.csv")
     check(len(rows) == 2 * N and [r["case"] for r in rows] == [str(i) for i in range(2 * N)], "rows of cases.csv")
     gains = sorted(float(r["control.gain"]) for r in rows[:N])
     check(all(10 * 40 ** (i / N) <= g * (1 + 1e-12) and g <= 10 * 40 ** ((i + 1) / N) * (1 + 1e-12) for i, g in enumerate(gains)), "strata of the gains")
@@ -182,11 +174,10 @@ def what_the_table_says(folder):
     text = GOOD.replace("plant.legs.1.m1", "mechanism.leg.m1").replace(f"count = {N}", "count = 3")
     spec.write_text(text, encoding="utf-8")
     sweep(spec, "--out", folder / "believed")
-    for r in csv.DictReader((folder / "believed" / "cases.csv").open(encoding="utf-8")):
+    for r in read_table(folder / "believed" / "cases.csv"):
         mass = float(r["mechanism.leg.m1"]) * 0.1
-        s = json.loads(run(ESMC, "sim", SCENE, "--json", "--set", "simulation.duration=0.3", "--set", "simulation.step=1e-3", "--set",
-                           f"mechanism.leg.m1={mass!r}", "--set", f"control.gain={r['control.gain']}", "--set",
-                           f"control.law={r['control.law']}").stdout)
+        s = json.loads(esmc("sim", SCENE, "--json", *sets("simulation.duration=0.3", "simulation.step=1e-3", f"mechanism.leg.m1={mass!r}",
+                                                          f"control.gain={r['control.gain']}", f"control.law={r['control.law']}")).stdout)
         check(float(r["settled_rms_m"]) == s["tracking"]["settled_rms_m"], f"case {r['case']}: settled_rms_m")
         check(float(r["torque_activity_nm"]) == s["torque"]["mean_abs_delta_nm"], f"case {r['case']}: torque_activity_nm")
     summary = json.loads((out / "summary.json").read_text())
@@ -341,8 +332,7 @@ def stated_accuracy(folder):
         out = folder / name
         j = json.loads(sweep(spec, "--out", out, "--json").stdout)
         check(j["outcomes"] == {"ok": 6}, f"outcomes {j['outcomes']}")
-        with open(out / "cases.csv", newline="", encoding="utf-8") as f:
-            rows[name] = [float(r["settled_rms_m"]) for r in csv.DictReader(f)]
+        rows[name] = [float(r["settled_rms_m"]) for r in read_table(out / "cases.csv")]
     check(len(rows["fine"]) == 6 and all(abs(a - b) < 1e-10 for a, b in zip(rows["fine"], rows["stated"])), f"errors {rows}")
     spec.write_text(few.replace('"simulation.step=1e-3"', '"simulation.accuracy=1e-12", "control.reaching=sign", "control.gain=1e5"'), encoding="utf-8")
     j = json.loads(sweep(spec, "--json").stdout)
@@ -350,7 +340,7 @@ def stated_accuracy(folder):
 
 
 def examples(_):
-    for spec in sorted((HOST_SIM / "sweeps").glob("*.toml")):
+    for spec in sorted((SCENES.parent / "sweeps").glob("*.toml")):
         text = spec.read_text(encoding="utf-8")
         check("scene" in text and "[[vary]]" in text, f"{spec.name} is no specification")
 

@@ -1,38 +1,16 @@
 #!/usr/bin/env python3
 """Verdicts before and after a run: what `esmc check` says of a scene against what the scene does in `esmc sim`, and the words of a run.
-usage: verdict_test.py ESMC SCENES_DIR [unittest args]"""
-import csv
+usage: verdict_test.py ESMC [unittest args]"""
 import json
 import math
 import os
 import re
-import subprocess
-import sys
-import tempfile
-import unittest
 from pathlib import Path
 
-ESMC = SCENES = ""
-DOCS = Path(__file__).parents[2] / "docs"
+from command import ARM, CIRCLE, DOCS, ROBUST, SCENES, Case, esmc, main, read_table, sets
 
 
-def esmc(*args):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=120)
-
-
-def sets(*values):
-    return [a for v in values for a in ("--set", v)]
-
-
-class Verdicts(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.circle = Path(SCENES, "five_bar_circle.toml")
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Verdicts(Case):
     def check(self, scene, *values):
         run = esmc("check", scene, "--json", *sets(*values))
         self.assertEqual(run.stderr, "")
@@ -54,13 +32,13 @@ class Verdicts(unittest.TestCase):
                             (["control.torque_limit=0.1"], ("error", "torque_exceeded", "control.torque_limit")),
                             (["drives.nodes=[0, 1]"], ("warning", "node_zero", "drives.nodes")),
                             (["control.law=none", 'effects=[{type="jitter", sigma=1e-4}]'], ("warning", "effect_idle", "effects"))):
-            found = self.found(self.circle, *values)
+            found = self.found(CIRCLE, *values)
             self.assertTrue(found == set() if one is None else one in found, (values, found))
             self.assertLessEqual({code for _, code, _ in found}, listed)
 
     def judged(self, values, level, *codes, where=None):
         for code in codes:
-            found = [f for f in self.check(self.circle, *values)["findings"] if f["code"] == code]
+            found = [f for f in self.check(CIRCLE, *values)["findings"] if f["code"] == code]
             self.assertIn(level, [f["level"] for f in found], (values, code))
             self.assertTrue(where is None or where in [f["where"] for f in found], found)
 
@@ -73,7 +51,7 @@ class Verdicts(unittest.TestCase):
         self.judged(['effects=[{type="external_force", force=[-30.0, 0.0], from=0.0, to=2.0}]'], "error", "torque_exceeded")
         self.judged(["control.torque_limit=0.06"], "error", "torque_exceeded")
         self.judged(["control.torque_limit=0.489"], "warning", "torque_exceeded")  # at the peak only
-        self.assertEqual(esmc("bake", self.circle, *sets("control.torque_limit=0.489")).returncode, 2)
+        self.assertEqual(esmc("bake", CIRCLE, *sets("control.torque_limit=0.489")).returncode, 2)
         self.judged(["control.gain=0"], "warning", "no_gain")
 
     def test_torques_are_those_of_an_undisturbed_run(self):
@@ -83,12 +61,9 @@ class Verdicts(unittest.TestCase):
                                  ('{type="external_force", force=[1.0, -2.0], from=0.0, to=9.0}', *law),
                                  ('{type="joint_flexibility", stiffness=2000, damping=2, rotor_inertia=3e-4}', "control.law=ctc", "control.lambda=80")):
             values = (*near, *control, f"effects=[{effect}]")
-            esmc("check", self.circle, "--out", self.tmp / "check", *sets(*values))
-            esmc("sim", self.circle, "--out", self.tmp / "sim", *sets(*values))
-            rows = []
-            for name in ("check/check.csv", "sim/log.csv"):
-                with open(self.tmp / name, newline="", encoding="utf-8") as f:
-                    rows.append([(float(r["tau11"]), float(r["tau21"])) for r in csv.DictReader(f)][600:])
+            esmc("check", CIRCLE, "--out", self.tmp / "check", *sets(*values))
+            esmc("sim", CIRCLE, "--out", self.tmp / "sim", *sets(*values))
+            rows = [[(float(r["tau11"]), float(r["tau21"])) for r in read_table(self.tmp / name)[600:]] for name in ("check/check.csv", "sim/log.csv")]
             off = sorted(max(abs(x - y) for x, y in zip(*pair)) for pair in zip(*rows))
             self.assertLess(off[len(off) * 9 // 10], 0.008, effect)  # but where friction turns round
 
@@ -103,9 +78,9 @@ class Verdicts(unittest.TestCase):
     def test_what_takes_longer_than_a_part_is_simulated_at_a_lower_rate(self):
         """A law too weak for the weight: the mechanism sinks into a singularity within half a second."""
         weak = ("reference.join=0.3", "control.law=pd", "control.kp=2", "control.kd=0.1")
-        self.assertIn("FAULT: type2_singularity", esmc("sim", self.circle, *sets(*weak)).stdout)
+        self.assertIn("FAULT: type2_singularity", esmc("sim", CIRCLE, *sets(*weak)).stdout)
         self.judged(weak, "error", "limit_crossed", where="limits")
-        slow = [p for p in self.check(self.circle, *weak)["simulated"] if p["rate_hz"] < 1000]
+        slow = [p for p in self.check(CIRCLE, *weak)["simulated"] if p["rate_hz"] < 1000]
         self.assertEqual([(p["ticks"], p["rate_hz"], p["fault"]) for p in slow], [(80, 50, "type2_singularity")])
         # A law with a wrong model loses its reference.
         weak = ("reference.join=0.3", "control.law=ctc", "control.lambda=20", "control.model={m1=0.4, m2=0.4, J1=0.4, J2=0.4}", "control.torque_limit=0.4")
@@ -113,7 +88,7 @@ class Verdicts(unittest.TestCase):
         self.judged(weak, "warning", "not_followed", where="control")
 
     def test_no_lower_rate_where_it_would_be_another_scene(self):
-        self.assertEqual(self.check(self.circle, "control.gain=0")["verdict"], "warnings")  # nothing holds against its errors
+        self.assertEqual(self.check(CIRCLE, "control.gain=0")["verdict"], "warnings")  # nothing holds against its errors
         # A program would be planned for the lower rate, another one.
         for scene, values, rates in (("five_bar_pick_and_place.toml", ["control.rate_hz=500"], {500}), ("five_bar_circle.toml", ["control.rate_hz=80"], {80}),
                                      ("five_bar_circle.toml", [], {1000, 50})):
@@ -122,16 +97,16 @@ class Verdicts(unittest.TestCase):
     def test_all_parts_together_have_200_ticks_at_most(self):
         for values in ([], ["reference.join=0.3"], ["reference.join=0", "simulation.duration=0.3"], ["simulation.duration=5"],
                        ["reference.join=0", "initial.position=[0.02, 0.2]"]):
-            self.assertLessEqual(sum(p["ticks"] for p in self.check(self.circle, *values)["simulated"]), 200, values)
+            self.assertLessEqual(sum(p["ticks"] for p in self.check(CIRCLE, *values)["simulated"]), 200, values)
 
     def test_a_push_that_dies_away_is_no_ringing(self):
         """Near its margin a loop takes longer than a part to come to rest; in the run itself nothing rings."""
         slack = ("reference.join=0.3", "control.law=ctc", "control.lambda=220", "control.torque_limit=0.8", 'effects=[{type="compute_delay", time=2e-3}]')
-        parts = self.check(self.circle, *slack)["simulated"]
+        parts = self.check(CIRCLE, *slack)["simulated"]
         pushed = [p for p in parts if p["t"] > 0]
         self.assertGreater(sum(p["mean_change_share"] for p in pushed) / len(pushed), 0.05)
-        self.assertNotIn("loop_rings", {code for _, code, _ in self.found(self.circle, *slack)})
-        self.assertEqual(json.loads(esmc("sim", self.circle, "--json", *sets(*slack)).stdout)["verdict"]["word"], "OK")
+        self.assertNotIn("loop_rings", {code for _, code, _ in self.found(CIRCLE, *slack)})
+        self.assertEqual(json.loads(esmc("sim", CIRCLE, "--json", *sets(*slack)).stdout)["verdict"]["word"], "OK")
         self.assertLess(parts[1]["mean_change_share"], 0.05)  # at 50 Hz with a lambda that this rate bears
 
     def test_a_loop_that_grows_slowly_is_unfit(self):
@@ -139,12 +114,11 @@ class Verdicts(unittest.TestCase):
         slow = ("reference.join=0.3", "reference.speed=3", "control.law=pd", "control.kp=50", "control.torque_limit=5",
                 'effects=[{type="torque_lag", time_constant=0.0012}]')
         self.judged([*slow, "control.kd=0.05"], "error", "loop_rings", "torque_exceeded")
-        self.assertEqual([f["code"] for f in self.check(self.circle, *slow, "control.kd=0.3")["findings"] if f["level"] == "error"], [])
+        self.assertEqual([f["code"] for f in self.check(CIRCLE, *slow, "control.kd=0.3")["findings"] if f["level"] == "error"], [])
 
     def test_margins_at_the_edges(self):
-        short = esmc("margins", self.circle, "--json", *sets("reference.join=3", "simulation.duration=1"))  # no pose after the join
-        self.assertEqual((short.returncode, len(json.loads(short.stdout)["poses"])), (0, 1))
-        late = esmc("margins", self.circle, *sets('effects=[{type="delay", ticks=51}]'))
+        self.assertEqual(len(self.margins("reference.join=3", "simulation.duration=1")["poses"]), 1)  # no pose after the join
+        late = esmc("margins", CIRCLE, *sets('effects=[{type="delay", ticks=51}]'))
         self.assertEqual(late.returncode, 2)
         self.assertRegex(late.stderr, r"^esmc: .*five_bar_circle.toml:\d+.* 51 ticks; margins are for at most 50\n$")
         rings = esmc("margins", Path(SCENES, "five_bar_super_twisting.toml"))  # with every factor down to the least
@@ -154,7 +128,7 @@ class Verdicts(unittest.TestCase):
         """smc has one gain, so that the designed one can be given as a number."""
         if "ESMC_SANITIZED" in os.environ:  # a design takes minutes there
             return
-        robust, smc = Path(SCENES, "five_bar_robust.toml"), "control.law=smc"
+        robust, smc = ROBUST, "control.law=smc"
         gain = json.loads(esmc("design", robust, "--json", *sets(smc)).stdout)["gain_independent"]
         parts = [self.check(robust, smc, *more)["simulated"] for more in ([], [f"control.gain={gain!r}"])]
         for designed, given in zip(*parts, strict=True):
@@ -162,9 +136,7 @@ class Verdicts(unittest.TestCase):
                 self.assertAlmostEqual(designed[key], given[key], delta=1e-6 * abs(given[key]), msg=key)
 
     def margins(self, *values):
-        run = esmc("margins", self.circle, "--json", *sets(*values))
-        self.assertEqual((run.stderr, run.returncode), ("", 0))
-        return json.loads(run.stdout)
+        return self.document("margins", CIRCLE, *sets(*values))
 
     def test_margins_of_loops_that_are_known(self):
         """Two integrators under 2 lambda e' + lambda^2 e, held over a tick T, ring at half the sample rate with 1 / (lambda T) times the gain."""
@@ -187,10 +159,10 @@ class Verdicts(unittest.TestCase):
             self.assertTrue(self.margins(f"effects=[{effect}]")["estimate"], effect)
         m = self.margins("control.reaching=sign")
         self.assertIn("sign", *m["estimate_because"])
-        run = esmc("margins", self.circle, *sets("control.law=none"))
+        run = esmc("margins", CIRCLE, *sets("control.law=none"))
         self.assertEqual((run.returncode, run.stdout, run.stderr.count("\n")), (2, "", 1))
         out = self.tmp / "out"
-        self.assertEqual(esmc("margins", self.circle, "--out", out).returncode, 0)
+        self.assertEqual(esmc("margins", CIRCLE, "--out", out).returncode, 0)
         self.assertEqual(json.loads((out / "margins.json").read_text()), self.margins())
 
     def test_references_that_jump(self):
@@ -203,7 +175,7 @@ class Verdicts(unittest.TestCase):
         self.judged([table], "warning", "reference_overshoots", where="reference.path")
 
     def arm(self, *values):
-        return self.check(Path(SCENES, "rr_line.toml"), *values)
+        return self.check(ARM, *values)
 
     def named(self, found, level, code, where):
         self.assertIn((level, code, where), {(f["level"], f["code"], f["where"]) for f in found["findings"]})
@@ -231,22 +203,22 @@ class Verdicts(unittest.TestCase):
         stops = 'effects=[{type="end_stops", lower=[-3, -3], upper=[%g, 3]%s}]'
         self.judged(["reference.join=0.5", stops % (1.2, "")], "error", "limit_crossed", where="effects")
         self.judged(["reference.join=0.5", stops % (1.35, ", stiffness=1.0")], "warning", "limit_crossed", where="effects")
-        self.assertNotIn("limit_crossed", {f["code"] for f in self.check(self.circle, "reference.join=0.5", stops % (1.5, ""))["findings"]})
+        self.assertNotIn("limit_crossed", {f["code"] for f in self.check(CIRCLE, "reference.join=0.5", stops % (1.5, ""))["findings"]})
 
     def test_a_start_off_the_reference_is_told_of_join(self):
         """Where the motors need more than 0.1 s for the jump: what they bridge faster is no finding."""
         off, weak = "initial={joints=[1.6, 1.6]}", "control.torque_limit=1"
         self.judged([off, weak], "warning", "reference_jumps", where="reference.join")
-        self.assertEqual(self.found(self.circle, off), set())
+        self.assertEqual(self.found(CIRCLE, off), set())
         self.judged(["initial={joints=[2.4, 2.6]}"], "error", "limit_crossed", where="reference.join")  # a fault after 30 ms
-        self.assertNotIn("reference_jumps", {f["code"] for f in self.check(self.circle, off, weak, "reference.join=0.5")["findings"]})
+        self.assertNotIn("reference_jumps", {f["code"] for f in self.check(CIRCLE, off, weak, "reference.join=0.5")["findings"]})
 
     def test_a_join_that_runs_up_too_far(self):
         """A circle that is joined slowly from rest leads far off it: the longer, the further."""
         for join, infeasible in ((0.3, False), (0.8, True), (2.0, True)):
-            run = json.loads(esmc("sim", self.circle, "--json", *sets(f"reference.join={join}", "simulation.duration=0.1")).stdout)
+            run = json.loads(esmc("sim", CIRCLE, "--json", *sets(f"reference.join={join}", "simulation.duration=0.1")).stdout)
             self.assertEqual("join_infeasible" in str(run["supervisor"]["faults"]), infeasible)
-            found = [f for f in self.check(self.circle, f"reference.join={join}")["findings"] if f["where"] == "reference.join"]
+            found = [f for f in self.check(CIRCLE, f"reference.join={join}")["findings"] if f["where"] == "reference.join"]
             self.assertEqual([(f["level"], f["code"]) for f in found], [("error", "limit_crossed")] * infeasible)
             self.assertTrue(all("a shorter one" in f["text"] for f in found), found)
 
@@ -255,7 +227,7 @@ class Verdicts(unittest.TestCase):
         late = 'effects=[{type="delay", ticks=2}]'
         self.judged([held, late], "error", "loop_rings")
         for good in ([held], [held, late, "control.delay_ticks=2"]):
-            self.assertNotEqual(self.check(self.circle, *good)["verdict"], "unfit", good)
+            self.assertNotEqual(self.check(CIRCLE, *good)["verdict"], "unfit", good)
 
     def test_a_weak_pd_sags(self):
         for kp, kd, level in ((2, 0.2, "error"), (10, 1, "warning"), (30, 2, "warning"), (300, 10, None)):
@@ -263,14 +235,14 @@ class Verdicts(unittest.TestCase):
             self.assertEqual([f["level"] for f in found if (f["code"], f["where"]) == ("not_followed", "control.kp")], [level] * (level is not None), kp)
 
     def test_a_lag_is_no_delay(self):
-        found = {f["code"] for f in self.check(self.circle, "reference.join=0.3", 'effects=[{type="torque_lag", time_constant=0.003}]')["findings"]}
+        found = {f["code"] for f in self.check(CIRCLE, "reference.join=0.3", 'effects=[{type="torque_lag", time_constant=0.003}]')["findings"]}
         self.assertEqual(found & {"delay_untold", "loop_margin"}, set())
 
     def test_a_bus_delays_as_it_mostly_does(self):
         """What `hil` runs without chatter is not called ringing, and what it cannot run is unfit."""
         timed, join = 'effects=[{type="bit_timing"}]', "reference.join=0.3"
         for values in (["control.rate_hz=1200"], ["drives.protocol=cia402"], ["drives.protocol=mit", "drives.master_id=[16, 17]"]):
-            self.assertNotEqual(self.check(self.circle, join, timed, *values)["verdict"], "unfit", values)
+            self.assertNotEqual(self.check(CIRCLE, join, timed, *values)["verdict"], "unfit", values)
         self.judged([join, timed, "drives.protocol=mit"], "error", "identifier_clash")
 
     def test_what_we_hand_out_is_not_called_unfit(self):
@@ -285,38 +257,38 @@ class Verdicts(unittest.TestCase):
             self.assertLessEqual({f["code"] for f in j["findings"]}, {"bus_latency", "delay_untold"} | wanted, scene)
 
     def test_hints_at_units(self):
-        rr = Path(SCENES, "rr_line.toml")
-        for scene, value, where in ((self.circle, "reference.phase=90", "reference.phase"), (self.circle, "mechanism.leg.lg1=0.3", "mechanism.leg.lg1"),
-                                    (self.circle, "mechanism.leg.J1=2.0", "mechanism.leg.J1"), (self.circle, "simulation.step=1e-2", "simulation.step"),
-                                    (self.circle, "limits.joint_angle=[[-180, 180], [-180, 180]]", "limits.joint_angle"),
+        rr = ARM
+        for scene, value, where in ((CIRCLE, "reference.phase=90", "reference.phase"), (CIRCLE, "mechanism.leg.lg1=0.3", "mechanism.leg.lg1"),
+                                    (CIRCLE, "mechanism.leg.J1=2.0", "mechanism.leg.J1"), (CIRCLE, "simulation.step=1e-2", "simulation.step"),
+                                    (CIRCLE, "limits.joint_angle=[[-180, 180], [-180, 180]]", "limits.joint_angle"),
                                     (rr, "reference={type='joint_sine', offset=[30, 45], amplitude=[0.1, 0.1], omega=[1, 1]}", "reference.offset")):
             self.assertIn(("hint", "units_suspicious", where), self.found(scene, value, *(["mechanism.gravity=0"] if scene == rr else [])), value)
-        mm = self.circle.read_text().replace("half_base = 0.05 ", "half_base = 50 ").replace("l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068", "l1 = 120, l2 = 160, lg1 = 60, lg2 = 68")
+        mm = CIRCLE.read_text().replace("half_base = 0.05 ", "half_base = 50 ").replace("l1 = 0.12, l2 = 0.16, lg1 = 0.06, lg2 = 0.068", "l1 = 120, l2 = 160, lg1 = 60, lg2 = 68")
         (self.tmp / "mm.toml").write_text(mm.replace("center = [0.0, 0.17]", "center = [0.0, 170]").replace("radius = 0.07", "radius = 70"))
         found = self.found(self.tmp / "mm.toml")
         for key in ("mechanism.leg.l1", "mechanism.leg.l2", "mechanism.half_base"):
             self.assertIn(("hint", "units_suspicious", key), found)
-        self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(self.circle, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
+        self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(CIRCLE, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
 
     def test_homing_that_a_slow_loop_cannot_stop(self):
         homing = ('drives.zero="end_stop"', "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.5, -0.5]", "drives.homing_torque=[1.0, 1.0]", 'command={arm="link", speed=0.5, acceleration=5.0}')
         for rate, gravity, sinks in ((1000, 9.8, False), (500, 9.8, False), (250, 9.8, True), (100, 9.8, True), (25, 9.8, True), (25, 0.0, False)):
-            found = self.found(self.circle, *homing, f"control.rate_hz={rate}", f"mechanism.gravity={gravity}", "drives.watchdog_timeout=0.5")
+            found = self.found(CIRCLE, *homing, f"control.rate_hz={rate}", f"mechanism.gravity={gravity}", "drives.watchdog_timeout=0.5")
             self.assertEqual(("warning", "homing_sinks", "drives.homing_speed") in found, sinks, (rate, gravity, found))
-        self.assertNotIn("homing_sinks", {code for _, code, _ in self.found(self.circle, "control.rate_hz=100")})
+        self.assertNotIn("homing_sinks", {code for _, code, _ in self.found(CIRCLE, "control.rate_hz=100")})
         slow = [v.replace("[0.5, -0.5]", "[0.3, -0.3]") for v in homing]
-        self.assertIn(("warning", "homing_sinks", "drives.homing_speed"), self.found(self.circle, *slow, "mechanism.gravity=9.8", "drives.watchdog_timeout=0.5"))
+        self.assertIn(("warning", "homing_sinks", "drives.homing_speed"), self.found(CIRCLE, *slow, "mechanism.gravity=9.8", "drives.watchdog_timeout=0.5"))
         for change, key in (("drives.homing_torque=[0.2, 0.2]", "homing_torque"), ("drives.homing_torque=[1.0, 0.2]", "homing_torque"), ("command.timeout=0", "command.timeout"),
                             ("drives.homing_speed=[-0.5, -0.5]", "homing_speed"), ("drives.homing_speed=[0.5, 0.5]", "homing_speed")):
-            run = esmc("check", self.circle, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
+            run = esmc("check", CIRCLE, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
             self.assertEqual(run.returncode, 2, change)
             self.assertIn(key, run.stderr)
 
     def test_node_zero_is_for_no_bus(self):
         zero = sets("drives.nodes=[0, 1]")
-        self.assertIn("'drives.nodes' must be 1 or more on a bus", self.check(self.circle, "drives.nodes=[0, 1]")["not_on_bus_because"])
-        self.assertEqual(esmc("sim", self.circle, *zero).returncode, 0)  # no bus
-        for command in (["hil", self.circle], ["bake", self.circle]):
+        self.assertIn("'drives.nodes' must be 1 or more on a bus", self.check(CIRCLE, "drives.nodes=[0, 1]")["not_on_bus_because"])
+        self.assertEqual(esmc("sim", CIRCLE, *zero).returncode, 0)  # no bus
+        for command in (["hil", CIRCLE], ["bake", CIRCLE]):
             run = esmc(*command, *zero)
             self.assertEqual(run.returncode, 2)
             self.assertIn("'drives.nodes' must be 1 or more on a bus", run.stderr)
@@ -331,7 +303,7 @@ class Verdicts(unittest.TestCase):
                                              ("hil", ["bus.bitrate=250000"], "CHECK", "bus load 2"),
                                              ("hil", [slow], "FAULT", "stale_feedback at t = 0.302 s: theta21, node 2, 3 ticks without a sample, limit 2")):
             out = self.tmp / "out"
-            run = esmc(command, self.circle, "--out", out, *sets("simulation.duration=0.5", *values))
+            run = esmc(command, CIRCLE, "--out", out, *sets("simulation.duration=0.5", *values))
             summary = json.loads((out / "summary.json").read_text())
             verdict = summary["verdict"]
             self.assertEqual((verdict["ok"], verdict["word"], run.returncode), (word == "OK", word, int(word == "FAULT")))
@@ -341,7 +313,7 @@ class Verdicts(unittest.TestCase):
             self.assertEqual(json.loads(page)["summary"]["verdict"], verdict)
 
     def fault(self, command, *values):
-        s = json.loads(esmc(command, self.circle, "--json", *sets("simulation.duration=0.5", *values)).stdout)
+        s = json.loads(esmc(command, CIRCLE, "--json", *sets("simulation.duration=0.5", *values)).stdout)
         fault, = s["supervisor"]["faults"]
         self.assertEqual((fault["t"], fault["tick"]), (s["supervisor"]["fault_t_s"], round(1000 * s["supervisor"]["fault_t_s"])))
         return fault
@@ -362,5 +334,4 @@ class Verdicts(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

@@ -1,60 +1,41 @@
 #!/usr/bin/env python3
 """What commands say: `schema` in every JSON document, completion, Ctrl-C, and messages that name the remedy.
-usage: words_test.py ESMC SCENES_DIR [unittest args]"""
+usage: words_test.py ESMC [unittest args]"""
 import json
 import re
 import signal
 import subprocess
-import sys
-import tempfile
-import time
-import unittest
 from pathlib import Path
 
-ESMC = SCENES = ""
+from command import ARM, CIRCLE, PROGRAM, ROBUST, SCENES, Case, esmc, main, sets
+
 NO_JSON = {"init", "export", "keys", "bake", "completion"}  # they print a scene, a model, a table, C++, a script
-
-
-def esmc(*args, **more):
-    return subprocess.run([ESMC, *map(str, args)], capture_output=True, text=True, timeout=300, **more)
-
-
-def sets(*values):
-    return [a for v in values for a in ("--set", v)]
 
 
 def commands():
     return set(re.findall(r"^  (\w+) ", esmc("--help").stdout.split("Subcommands:")[1], re.M))
 
 
-class Words(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.tmp = Path(self.folder.name)
-        self.circle = Path(SCENES, "five_bar_circle.toml")
-
-    def tearDown(self):
-        self.folder.cleanup()
-
+class Words(Case):
     def sweep(self):
         spec = self.tmp / "spec.toml"
-        spec.write_text(f'scene = "{self.circle}"\nset = ["simulation.duration=60"]\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nfrom = 30.0\nto = 50.0\nsteps = 400\n')
+        spec.write_text(f'scene = "{CIRCLE}"\nset = ["simulation.duration=60"]\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nfrom = 30.0\nto = 50.0\nsteps = 400\n')
         return spec
 
     def test_every_json_document_has_its_schema(self):
         run, short = self.tmp / "run", sets("simulation.duration=0.3")
-        esmc("sim", self.circle, "--out", run, *short)
+        esmc("sim", CIRCLE, "--out", run, *short)
         calibration, identification = self.tmp / "calibration", self.tmp / "identification"
         for scene, out in (("five_bar_calibration", calibration), ("five_bar_identification", identification)):
             self.assertEqual(esmc("sim", Path(SCENES, scene + ".toml"), "--out", out).returncode, 0)
         cases = json.dumps({"cases": []})
         spec = self.tmp / "small.toml"
-        spec.write_text(f'scene = "{self.circle}"\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0, 40.0]\n')
+        spec.write_text(f'scene = "{CIRCLE}"\nsample = {{ method = "grid" }}\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0, 40.0]\n')
         arguments = {
-            "sim": [self.circle, *short], "hil": [self.circle, *short], "check": [self.circle], "margins": [self.circle], "plan": [Path(SCENES, "five_bar_pick_and_place.toml")], "replay": [run], "compare": [run, run],
-            "campaign": ["--episodes", 2], "design": [Path(SCENES, "five_bar_robust.toml")], "sweep": [spec],
-            "accuracy": [Path(SCENES, "rr_line.toml")], "calibrate": [calibration, "--trust-half-base"], "identify": [identification],
-            "spatial": [next(Path(SCENES, "spatial").glob("*.toml")), *short], "live": [self.circle, "--port", 0, "--duration", 0.2]}
+            "sim": [CIRCLE, *short], "hil": [CIRCLE, *short], "check": [CIRCLE], "margins": [CIRCLE], "plan": [PROGRAM], "replay": [run], "compare": [run, run],
+            "campaign": ["--episodes", 2], "design": [ROBUST], "sweep": [spec],
+            "accuracy": [ARM], "calibrate": [calibration, "--trust-half-base"], "identify": [identification],
+            "spatial": [next(Path(SCENES, "spatial").glob("*.toml")), *short], "live": [CIRCLE, "--port", 0, "--duration", 0.2]}
         on_a_bus = {"plant", "controller", "drive", "operate"}  # vcan.loop, slcan.echo and slcan.operate read theirs
         self.assertEqual(commands(), set(arguments) | NO_JSON | on_a_bus | {"eval"})
         for command, given in arguments.items():
@@ -66,8 +47,8 @@ class Words(unittest.TestCase):
     def test_studies_leave_a_page_and_the_document_that_they_print(self):
         log = self.tmp / "log"
         esmc("sim", Path(SCENES, "five_bar_calibration.toml"), "--out", log)
-        for command, name, given in (("check", "check", [self.circle]), ("design", "design", [Path(SCENES, "five_bar_robust.toml")]),
-                                     ("plan", "plan", [Path(SCENES, "five_bar_pick_and_place.toml")]),
+        for command, name, given in (("check", "check", [CIRCLE]), ("design", "design", [ROBUST]),
+                                     ("plan", "plan", [PROGRAM]),
                                      ("calibrate", "calibration", [log, "--trust-half-base"])):
             out = self.tmp / name
             done = esmc(command, *given, "--json", "--out", out)
@@ -99,29 +80,21 @@ class Words(unittest.TestCase):
         self.assertEqual(self.complete("esmc", "init", ""), {"five_bar", "rr"})
         self.assertEqual(self.complete("esmc", "sim", "x", "--set", "control.la"), {"control.law=", "control.lambda=", "control.layer="})
 
-    def interrupted(self, *args):
-        """A command that is stopped while it works, however long it takes to begin."""
-        for patience in (0.7, 2, 8, 30):
-            run = subprocess.Popen([ESMC, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            time.sleep(patience)
-            run.send_signal(signal.SIGINT)
-            out, err = run.communicate(timeout=120)
-            if run.returncode not in (-signal.SIGINT,):  # it had not yet begun
-                break
-        self.assertEqual(run.returncode, 130, (args, err))
-        return out, err
-
     def test_one_exit_status_for_ctrl_c(self):
-        long = sets("simulation.duration=20")
+        long, endless = sets("simulation.duration=20"), sets("simulation.duration=100000")
         spec, out = self.sweep(), self.tmp / "out"
-        for line in (["sim", self.circle, *sets("simulation.duration=100000")], ["accuracy"], ["accuracy", self.circle, *long, "--effects", "all"],
-                     ["campaign", "--episodes", 10**7], ["spatial", next(Path(SCENES, "spatial").glob("*.toml")), *sets("simulation.duration=100000")]):
+        for line in (["sim", CIRCLE, *endless], ["accuracy"], ["accuracy", CIRCLE, *long, "--effects", "all"],
+                     ["campaign", "--episodes", 10**7], ["spatial", next(Path(SCENES, "spatial").glob("*.toml")), *endless]):
             self.interrupted(*line)
+        for number in (signal.SIGINT, signal.SIGTERM):  # drives that have said that they are idle
+            text, _ = self.interrupted("hil", CIRCLE, "--json", *endless, by=number, has_begun=lambda out: json.loads(out)["ticks"] > 0)
+            s = json.loads(text)
+            self.assertEqual((s["interrupted"], s["supervisor"]["final_state"], s["supervisor"]["faults"]), (True, "disabled", []))
         text, err = self.interrupted("sweep", spec, "--json", "--out", out, "--jobs", 1, "--scalar")
         summary = json.loads(text)
         self.assertGreater(summary["outcomes"]["not_run"], 0)
         self.assertRegex(err, r"^esmc: interrupted after \d+ of 400 cases, which the summary is of; the same command goes on from there\n$")
-        robust = ["design", Path(SCENES, "five_bar_robust.toml"), "--simulate", 10**6, "--json"]
+        robust = ["design", ROBUST, "--simulate", 10**6, "--json"]
         text, err = self.interrupted(*robust)
         plants = json.loads(text)["simulated"]["exact_lengths"]
         self.assertEqual((plants["wanted"], err), (10**6, ""))
@@ -129,18 +102,13 @@ class Words(unittest.TestCase):
 
     def test_messages_name_the_remedy(self):
         for direction in ("[2, 1]", "[0.5, 1]", "[0, 1]"):
-            done = esmc("sim", self.circle, *sets(f"drives.direction={direction}"))
-            self.assertEqual(done.returncode, 2)
-            self.assertIn("'drives.direction' must be 1 or -1 for every axis", done.stderr)
-        piped = esmc("sim", "-", *sets("simulation.duration=0.05"), input=self.circle.read_text())
+            self.refused(esmc("sim", CIRCLE, *sets(f"drives.direction={direction}")), "'drives.direction' must be 1 or -1 for every axis")
+        piped = esmc("sim", "-", *sets("simulation.duration=0.05"), input=CIRCLE.read_text())
         self.assertEqual(piped.returncode, 0, piped.stderr)
         spec = self.tmp / "spec.toml"
         spec.write_text('scene = "gone.toml"\n[[vary]]\nkey = "control.lambda"\nvalues = [30.0]\n')
-        gone = esmc("sweep", spec)
-        self.assertEqual(gone.returncode, 2)
-        self.assertTrue(gone.stderr.startswith(f"esmc: {spec}:1: "), gone.stderr)
+        self.refused(esmc("sweep", spec), f"esmc: {spec}:1: ")
 
 
 if __name__ == "__main__":
-    ESMC, SCENES = sys.argv[1], sys.argv[2]
-    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])
+    main()

@@ -9,7 +9,6 @@ import json
 import random
 import re
 import statistics
-import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -20,16 +19,19 @@ sys.path.insert(0, str(ROOT / "tests/cli"))
 sys.dont_write_bytecode = True
 import calibrate_test as geometry  # noqa: E402
 import identify_test as dynamics  # noqa: E402
+from command import SCENES, esmc, sets  # noqa: E402
+from log_bench import failures  # noqa: E402
+import page  # noqa: E402
 
-PAGE, SCENES = ROOT / "docs/calibration.md", ROOT / "host_sim/scenes"
+PAGE = ROOT / "docs/calibration.md"
 CASES = 30
 
 
-def one_calibration(esmc, bits, case):
+def one_calibration(bits, case):
     """Effector off before and after, m, and how many true values lie within two standard uncertainties."""
     draw = random.Random(1000 * bits + case)
     with tempfile.TemporaryDirectory() as folder:
-        bench = geometry.Bench(esmc, SCENES, folder)
+        bench = geometry.Bench(folder)
         mechanism = {"half_base": 0.05 * (1 + 0.01 * draw.uniform(-1, 1)),
                      "legs": [tuple(l * (1 + 0.01 * draw.uniform(-1, 1)) for l in (0.12, 0.16)) for _ in range(2)]}
         bias = [5e-3 * draw.uniform(-1, 1) for _ in range(4)]
@@ -51,12 +53,12 @@ def one_calibration(esmc, bits, case):
         return before, result
 
 
-def calibration_table(esmc, cases):
+def calibration_table(cases):
     out = ["| encoders | scale from | effector beside, before | after: median | after: largest | true values within 2 standard uncertainties |",
            "|---|---|---|---|---|---|"]
     for bits in (14, 16, 18):
         with ThreadPoolExecutor(2) as pool:
-            runs = list(pool.map(lambda c: one_calibration(esmc, bits, c), range(cases)))
+            runs = list(pool.map(lambda c: one_calibration(bits, c), range(cases)))
         before = [1e3 * b for b, _ in runs]
         for way, name in enumerate(("half base, exact", "10 effector readings, 0.02 mm")):
             after = [1e3 * r[way][0] for _, r in runs]
@@ -66,12 +68,12 @@ def calibration_table(esmc, cases):
     return "\n".join(out) + "\n"
 
 
-def check_calibration(esmc, table):
+def check_calibration(table):
     """Two cases of each row may not be worse than its largest."""
     for row in [r for r in table.splitlines() if r.startswith("| 1")][::2]:
         bits = int(row.split()[1])
         for case in (0, 1):
-            _, found = one_calibration(esmc, bits, case)
+            _, found = one_calibration(bits, case)
             for line, (after, _, _) in zip([r for r in table.splitlines() if r.startswith(f"| {bits} ")], found):
                 largest = float(line.split("|")[5].split()[0])
                 if not 1e3 * after <= largest + 1e-4:
@@ -88,7 +90,7 @@ WORLDS = [("ideal", []), ("noise 3e-4 rad", [NOISE]), ("noise, theta11 off by 1 
 SEEDS = 8
 
 
-def tracking(esmc, sensing, world, seed):
+def tracking(sensing, world, seed):
     """Effector rms after 0.25 s, m. Without the two tables that sensors = "base" has no use for."""
     text = (SCENES / "five_bar_fusion.toml").read_text(encoding="utf-8")
     text = re.sub(r"^encoder_sigma = .*\n", "", text, flags=re.M)
@@ -97,20 +99,18 @@ def tracking(esmc, sensing, world, seed):
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.toml"
         scene.write_text(text, encoding="utf-8")
-        sets = [*sensing, "effects=[" + ", ".join("{" + e + "}" for e in world) + "]", "control.delay_ticks=2"]
-        run = subprocess.run([esmc, "sim", scene, "--json", "--seed", str(seed), *[a for s in sets for a in ("--set", s)]],
-                             capture_output=True, text=True)
+        run = esmc("sim", scene, "--json", "--seed", seed, *sets(*sensing, "effects=[" + ", ".join("{" + e + "}" for e in world) + "]", "control.delay_ticks=2"))
         if run.returncode != 0:
-            geometry.failures.append(f"{sensing} {world}: {run.stderr}{run.stdout[-300:]}")
+            failures.append(f"{sensing} {world}: {run.stderr}{run.stdout[-300:]}")
             return 0.0
         return json.loads(run.stdout)["tracking"]["settled_rms_m"]
 
 
-def fusion_rows(esmc, seeds):
+def fusion_rows(seeds):
     out = ["| effector rms, mm | " + " | ".join(n for n, _ in SENSING) + " |", "|---|" + "---|" * len(SENSING)]
     jobs = [(s, w, seed) for _, w in WORLDS for _, s in SENSING for seed in range(1, seeds + 1)]
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda j: tracking(esmc, *j), jobs))
+        found = list(pool.map(lambda j: tracking(*j), jobs))
     for name, _ in WORLDS:
         cells = []
         for _ in SENSING:
@@ -120,18 +120,18 @@ def fusion_rows(esmc, seeds):
     return "\n".join(out) + "\n"
 
 
-def check_fusion(esmc, table):
+def check_fusion(table):
     """One run of each cell, within a quarter of the table's mean."""
-    again = fusion_rows(esmc, 1).splitlines()
+    again = fusion_rows(1).splitlines()
     for have, want in zip(again[2:], table.splitlines()[2:], strict=True):
         for a, b in zip(have.split("|")[2:-1], want.split("|")[2:-1], strict=True):
             if not abs(float(a) - float(b)) <= 0.25 * float(b) + 2e-3:
                 yield f"fusion: {have} is not near {want}"
 
 
-def identify_table(esmc, seeds):
+def identify_table(seeds):
     with tempfile.TemporaryDirectory() as folder:
-        bench = dynamics.LogBench("identify", esmc, SCENES, folder)
+        bench = dynamics.LogBench("identify", folder)
         inside, widths, runs = dynamics.five_bar(bench, seeds)
     out = [f"| parameter | half width of the interval, median | truth inside, of {runs} runs |", "|---|---|---|"]
     for name in inside:
@@ -140,9 +140,9 @@ def identify_table(esmc, seeds):
     return "\n".join(out) + "\n"
 
 
-def check_identify(esmc, table):
+def check_identify(table):
     """Two runs; interval widths within a factor of two, of friction, whose width varies more from run to run, of three."""
-    again = identify_table(esmc, 2)
+    again = identify_table(2)
     for have, want in zip(again.splitlines()[2:], table.splitlines()[2:], strict=True):
         a, b = (float(row.split("|")[2].split()[0]) for row in (have, want))
         factor = 3 if "coulomb" in want or "viscous" in want else 2
@@ -150,32 +150,26 @@ def check_identify(esmc, table):
             yield f"identify: {have} is not near {want}"
 
 
-TABLES = {"calibrate": (lambda esmc: calibration_table(esmc, CASES), check_calibration),
-          "fusion": (lambda esmc: fusion_rows(esmc, SEEDS), check_fusion),
-          "identify": (lambda esmc: identify_table(esmc, 60), check_identify)}
+TABLES = {"calibrate": (lambda: calibration_table(CASES), check_calibration),
+          "fusion": (lambda: fusion_rows(SEEDS), check_fusion),
+          "identify": (lambda: identify_table(60), check_identify)}
 
 
 def main():
     if len(sys.argv) not in (2, 3) or (len(sys.argv) == 3 and sys.argv[2] not in ("--check", *TABLES)):
         print(__doc__, file=sys.stderr)
         return 2
-    esmc, check = sys.argv[1], sys.argv[2:] == ["--check"]
+    check = sys.argv[2:] == ["--check"]
     only = set(sys.argv[2:]) & set(TABLES) or set(TABLES)
-    text, wrong = PAGE.read_text(encoding="utf-8"), []
+    wrong, made = [], {}
     for name, (make, verify) in TABLES.items():
-        block = re.compile(rf"(<!-- {name} -->\n)(.*?)(<!-- /{name} -->)", re.S)
-        if len(block.findall(text)) != 1:
-            wrong.append(f"the markers of {name} are gone")
-        elif name not in only:
-            continue
-        elif check:
-            wrong += list(verify(esmc, block.search(text)[2]))
-        else:
-            table = make(esmc)
-            text = block.sub(lambda m: m[1] + table + m[3], text)
-    wrong += geometry.failures
-    if not check and not wrong:
-        PAGE.write_text(text, encoding="utf-8")
+        if check:
+            wrong += list(verify(page.part(PAGE, name)))
+        elif name in only:
+            made[name] = make()
+    wrong += failures
+    if made and not wrong:
+        page.put(PAGE, made)
     for what in wrong:
         print("FAILED:", what)
     return 1 if wrong else 0
