@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""`esmc identify` on random scenes. usage: identify.py ESMC SCENES write|misfits|clean [COUNT [SEED]]
+"""`esmc identify` on random scenes. usage: identify.py ESMC write|misfits|clean [COUNT [SEED]]
 
 write    A run whose controller believes masses and inertias that are wrong and knows neither friction, one that depends on the direction in some, nor the
          rotor at the elbow of some arms; identify --write; the scene written, on this and on another motion, against a controller that knows the truth
@@ -8,17 +8,20 @@ misfits  Logs with two random defects: how many intervals hold the truth or belo
 clean    Logs without a defect: how many name one.
 
 The truth is that of the scene. Two defects have no key and change the log, which they explain exactly: a torque constant and an eccentric encoder."""
-import csv
 import json
 import math
 import random
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cli"))
+from command import ARM, MORE, esmc, read_table, sets  # noqa: E402
+from identify_test import NOMINAL, leg_text, standard, true_values_of  # noqa: E402
+from log_bench import write_table  # noqa: E402
 
 DEFECTS = ("direction", "cogging", "torque_constant", "eccentric", "gear_spring", "rotor")
 
@@ -51,13 +54,11 @@ class Draw:
             offset, amplitude, omega = [u(0.85, 1.05), u(0.85, 1.05)], [u(0.3, 0.45), u(0.3, 0.45)], [u(7, 11), u(12, 16)]
         return f'reference={{type="joint_sine", offset={offset}, amplitude={amplitude}, omega={omega}, phase=[0.0, {u(0.5, 1.5)}], join=0.3}}'
 
-    def scene(self, folder, scenes):
+    def scene(self, folder):
         """The scene file: that of the arm or of the five-bar with these bars."""
-        source = "rr_line.toml" if self.rr else "five_bar_identification.toml"
-        leg = lambda p: "{ " + ", ".join(f"{k} = {v!r}" for k, v in p.items()) + " }"
-        bars = f"leg = {leg(self.legs[0])}" if self.rr else f"legs = [{leg(self.legs[0])}, {leg(self.legs[1])}]"
+        bars = "leg = " + leg_text(self.legs[0]) if self.rr else f"legs = [{leg_text(self.legs[0])}, {leg_text(self.legs[1])}]"
         lines = []
-        for line in (scenes / source).read_text(encoding="utf-8").split("[[effects]]")[0].splitlines():
+        for line in (ARM if self.rr else NOMINAL).read_text(encoding="utf-8").split("[[effects]]")[0].splitlines():
             if line.startswith("leg = "):
                 line = bars + (f"\nrotor_inertia = {self.rotor}" if any(self.rotor) else "")
             lines.append(line)
@@ -74,7 +75,7 @@ class Draw:
             values.append("control.gain=60")
         if self.gear:
             values += ["simulation.step=5e-5", "control.lambda=20", "control.gain=25", "limits.feedback_jump=0"]  # springs are stiff to integrate, soft to control
-        return [w for v in [*values, *([model] if model else [])] for w in ("--set", v)] + ["--seed", str(self.seed)]
+        return [*sets(*values, *([model] if model else [])), "--seed", self.seed]
 
     def wrong(self):
         """Masses and inertias that are wrong, no rotor and no friction."""
@@ -84,13 +85,8 @@ class Draw:
         return f"control.model={{mechanism={{{kind}, gravity=9.8, {bars}}}}}"
 
     def truth(self):
-        out = {"m0": 0.0}
-        names = ("1", "2") if self.rr else ("11", "12", "21", "22")
-        for i, p in enumerate(self.legs):
-            j = "" if self.rr else str(i + 1)
-            out |= {"a" + j: p["J1"] + p["m1"] * p["lg1"] ** 2 + p["m2"] * p["l1"] ** 2, "c" + j: p["J2"] + p["m2"] * p["lg2"] ** 2,
-                    "h" + j: p["m2"] * p["lg2"], "s" + j: p["m1"] * p["lg1"] + p["m2"] * p["l1"]}
-        for i, n in enumerate(names):
+        out = {"m0": 0.0} | (standard(*self.legs) if self.rr else true_values_of(*self.legs))
+        for i, n in enumerate(("1", "2") if self.rr else ("11", "12", "21", "22")):
             out |= {f"viscous theta{n}": self.viscous[i], f"coulomb theta{n}": self.coulomb[i]}
         for n in ("",) if self.rr else ("1", "2"):
             out["a" + n] += self.gear  # a rotor turns with bar 1
@@ -125,34 +121,22 @@ class Draw:
             self.rotor[1] = u(2, 20) * 1e-3
 
 
-def rows_of(path):
-    with open(path, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def edit(draw, path):
     """Two defects that have no key, in the log."""
     joints, torques = (("theta1", "theta2"), ("tau1_cmd", "tau2_cmd")) if draw.rr else (("theta11", "theta21"), ("tau11_cmd", "tau21_cmd"))
-    rows = rows_of(path)
+    rows = read_table(path)
     for kind, *what in draw.edits:
         for row in rows:
             if kind == "constant":
                 row[torques[1]] = repr(float(row[torques[1]]) / (1 + what[0]))
             else:
                 row[joints[what[0]] + "_meas"] = repr(float(row[joints[what[0]] + "_meas"]) + what[1] * math.sin(float(row[joints[what[0]]]) + what[2]))
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(path, rows)
 
 
-def call(*arguments):
-    return subprocess.run([*map(str, arguments)], capture_output=True, text=True, check=False)
-
-
-def sim(esmc, scene, *more):
+def sim(scene, *more):
     """The summary; None where the drawn motion is out of reach or ends in a fault."""
-    run = call(esmc, "sim", scene, "--json", *more)
+    run = esmc("sim", scene, "--json", *more)
     if run.returncode == 2 and "leaves the reach" in run.stderr:
         return None
     assert run.stdout, run.stderr
@@ -172,18 +156,18 @@ def first(count, of):
     return done[:count]
 
 
-def judged(esmc, scenes, defects, seed):
+def judged(defects, seed):
     """(defects, what became of the log, intervals, those that hold, what was named), None where the run ends in a fault."""
     draw = Draw(seed)
     chosen = draw.defects(defects)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        scene = draw.scene(folder, scenes)
-        if sim(esmc, scene, *draw.sets(draw.wrong()), "--out", folder / "run") is None:
+        scene = draw.scene(folder)
+        if sim(scene, *draw.sets(draw.wrong()), "--out", folder / "run") is None:
             return None
         if draw.edits:
             edit(draw, folder / "run" / "log.csv")
-        run = call(esmc, "identify", folder / "run", "--json")
+        run = esmc("identify", folder / "run", "--json")
     if run.returncode != 0:
         assert run.returncode == 2, run.stderr
         return chosen, "refused: " + run.stderr.strip().split(": ", 2)[-1], 0, 0, []
@@ -194,12 +178,12 @@ def judged(esmc, scenes, defects, seed):
     return chosen, ",".join(missed), len(inside) + 1, sum(inside) + delay, [f'{m["code"]}({m["where"]}, {m["amount"]:.2g})' for m in found["misfits"]]
 
 
-def logs(esmc, scenes, count, seed, defects):
-    return [r for _, r in first(count, lambda i: judged(esmc, scenes, defects, seed * 100003 + i))]
+def logs(count, seed, defects):
+    return [r for _, r in first(count, lambda i: judged(defects, seed * 100003 + i))]
 
 
-def misfits(esmc, scenes, count, seed):
-    done = logs(esmc, scenes, count, seed, 2)
+def misfits(count, seed):
+    done = logs(count, seed, 2)
     refused = [d for d in done if d[1].startswith("refused")]
     read = [d for d in done if not d[1].startswith("refused")]
     intervals = sum(d[2] for d in read)
@@ -220,8 +204,8 @@ def misfits(esmc, scenes, count, seed):
     return good >= 0.95 * intervals
 
 
-def clean(esmc, scenes, count, seed):
-    done = logs(esmc, scenes, count, seed, 0)
+def clean(count, seed):
+    done = logs(count, seed, 0)
     named = [d for d in done if d[4] or d[1].startswith("refused")]
     for d in named:
         print("named without a defect:", d)
@@ -231,21 +215,21 @@ def clean(esmc, scenes, count, seed):
     return len(named) <= 0.05 * count and hold >= 0.95 * intervals
 
 
-def ratios(esmc, scenes, seed):
+def ratios(seed):
     """(error with what was written over that of exact knowledge, and over that before), per motion; None where a run ends in a fault."""
     draw = Draw(seed)
     draw.defects(draw.random.randrange(3), ("direction", "rotor"))
     exact = 'control.model={friction="exact"}'
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        scene, written = draw.scene(folder, scenes), folder / "written.toml"
-        if sim(esmc, scene, *draw.sets(draw.wrong()), "--out", folder / "run") is None:
+        scene, written = draw.scene(folder), folder / "written.toml"
+        if sim(scene, *draw.sets(draw.wrong()), "--out", folder / "run") is None:
             return None
-        run = call(esmc, "identify", folder / "run", "--write", written)
+        run = esmc("identify", folder / "run", "--write", written)
         assert run.returncode == 0, (seed, run.stderr)
         out = []
         for motion in range(2):
-            error = [sim(esmc, s, *draw.sets(model, motion)) for s, model in ((written, None), (scene, exact), (scene, draw.wrong()))]
+            error = [sim(s, *draw.sets(model, motion)) for s, model in ((written, None), (scene, exact), (scene, draw.wrong()))]
             if None in error:
                 return None
             after, best, before = (e["tracking"]["settled_rms_m"] for e in error)
@@ -253,8 +237,8 @@ def ratios(esmc, scenes, seed):
         return out
 
 
-def write(esmc, scenes, count, seed):
-    done = first(count, lambda i: ratios(esmc, scenes, seed * 100003 + i))
+def write(count, seed):
+    done = first(count, lambda i: ratios(seed * 100003 + i))
     good = True
     for motion, what in enumerate(("the motion of the log", "another motion")):
         exact, before = [sorted(r[motion][k] for _, r in done) for k in (0, 1)]
@@ -268,9 +252,9 @@ def write(esmc, scenes, count, seed):
 
 
 def main():
-    esmc, scenes, what = sys.argv[1], Path(sys.argv[2]).resolve(), sys.argv[3]
-    count, seed = (int(x) for x in (sys.argv[4:] + ["50", "1"][len(sys.argv) - 4:]))
-    good = {"write": write, "misfits": misfits, "clean": clean}[what](esmc, scenes, count, seed)
+    what, *numbers = MORE
+    count, seed = (int(x) for x in (numbers + ["50", "1"][len(numbers):]))
+    good = {"write": write, "misfits": misfits, "clean": clean}[what](count, seed)
     print("identify: all checks hold" if good else "FAILED")
     return 0 if good else 1
 

@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""The gain margin of `esmc margins` against the gain at which `esmc sim` begins to ring. usage: margins.py ESMC SCENES [COUNT [SEED]]
+"""The gain margin of `esmc margins` against the gain at which `esmc sim` begins to ring. usage: margins.py ESMC [COUNT [SEED]]
 
 A pose at rest without gravity, reached from an offset far inside the layer. The loop gain is scaled by what believes or asks for torque: all masses and
 inertias of control.model; with pd kp and kd. It rings where the joints are faster in the last 0.3 s than the disturbance of the start."""
-import csv
 import json
 import random
-import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cli"))
+from command import ARM, CIRCLE, MORE, esmc, read_table, sets  # noqa: E402
 
 DISTURBANCE = 1e-5  # rad/s
 LAWS = ("esmc", "esmc_projected", "smc", "esmc saturation", "esmc tanh", "ctc", "pd", "esmc observer", "ctc observer", "esmc super_twisting", "esmc predictor")
@@ -62,30 +63,24 @@ def scaled(gain, pd, rr):
     return ["control.model={" + ", ".join(f"{k}={gain}" for k in ("m1", "m2", "J1", "J2") + (() if rr else ("effector_mass",))) + "}"]
 
 
-def call(esmc, command, scene, values, *more):
-    return subprocess.run([esmc, command, scene, "--json", *more, *(w for v in values for w in ("--set", v))], capture_output=True, text=True, check=False)
-
-
-def rings(esmc, scene, values, joints, pd, rr, gain, folder):
+def rings(scene, values, joints, pd, rr, gain, folder):
     held = ["reference={type='hold'}", "initial={joints=[%r, %r], joint_rates=[%r, %r]}" % (*joints, DISTURBANCE, -DISTURBANCE), "simulation.duration=1.2"]
-    run = call(esmc, "sim", scene, [*values, *held, *scaled(gain, pd, rr)], "--out", folder)
+    run = esmc("sim", scene, "--json", "--out", folder, *sets(*values, *held, *scaled(gain, pd, rr)))
     assert run.stdout, (values, run.stderr)
     if json.loads(run.stdout)["supervisor"]["faults"]:
         return True
-    with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as f:
-        rows = list(csv.DictReader(f))
+    rows = read_table(Path(folder, "log.csv"))
     speeds = [c for c in rows[0] if c in ("theta11_rate", "theta21_rate", "theta1_rate", "theta2_rate")]
     assert len(speeds) == 2, list(rows[0])
     size = [max(abs(float(row[c])) for c in speeds) for row in rows]
     return max(size[len(size) * 3 // 4:]) > DISTURBANCE
 
 
-def judge(job):
-    esmc, scenes, seed = job
+def judge(seed):
     law, rr, late, joints, values, pd = draw(seed)
-    scene = str(Path(scenes, "rr_line.toml" if rr else "five_bar_circle.toml"))
+    scene = ARM if rr else CIRCLE
     hold = ["reference={type='hold'}", "initial={joints=[%r, %r]}" % tuple(joints)]
-    said = call(esmc, "margins", scene, [*values, *hold, *scaled(1.0, pd, rr)])
+    said = esmc("margins", scene, "--json", *sets(*values, *hold, *scaled(1.0, pd, rr)))
     if not said.stdout:
         return seed, law, rr, late, None, said.stderr.strip()
     m = json.loads(said.stdout)["worst"]
@@ -93,19 +88,18 @@ def judge(job):
         return seed, law, rr, late, None, f"margin {m['gain_margin']}, stable {m['stable']}"
     with tempfile.TemporaryDirectory() as folder:
         low, high = max(1.0, m["gain_margin"] / 1.5), m["gain_margin"] * 1.5
-        if rings(esmc, scene, values, joints, pd, rr, low, folder) or not rings(esmc, scene, values, joints, pd, rr, high, folder):
+        if rings(scene, values, joints, pd, rr, low, folder) or not rings(scene, values, joints, pd, rr, high, folder):
             return seed, law, rr, late, (m["gain_margin"], float("nan")), str(values)
         while high / low > 1.01:
             middle = (low * high) ** 0.5
-            low, high = (low, middle) if rings(esmc, scene, values, joints, pd, rr, middle, folder) else (middle, high)
+            low, high = (low, middle) if rings(scene, values, joints, pd, rr, middle, folder) else (middle, high)
     return seed, law, rr, late, (m["gain_margin"], (low * high) ** 0.5), str(values)
 
 
 def main():
-    esmc, scenes = sys.argv[1:3]
-    count, first = int(sys.argv[3]) if len(sys.argv) > 3 else 11, int(sys.argv[4]) if len(sys.argv) > 4 else 1
+    count, first = (int(x) for x in (MORE + ["11", "1"][len(MORE):]))
     with ThreadPoolExecutor(2) as pool:
-        all_ = list(pool.map(judge, [(esmc, scenes, s) for s in range(first, first + count)]))
+        all_ = list(pool.map(judge, range(first, first + count)))
     judged = wrong = 0
     for seed, law, rr, late, both, text in all_:
         if both is None:
