@@ -50,6 +50,12 @@ class Bytes {
   }
   /// 0 .. n - 1, n up to 256.
   unsigned below(unsigned n) { return u8() % n; }
+  /// Does one of these, by a number below n; the last one also for all that are left.
+  template <class... Do>
+  void one_of(unsigned n, Do&&... these) {
+    unsigned which = std::min<unsigned>(below(n), sizeof...(these) - 1);
+    (void)((which-- == 0 && (these(), true)) || ...);
+  }
   bool yes() { return (u8() & 1U) != 0; }
 
   /// A frame with this identifier: format, length and bytes are the input's. Zero as first byte: a classic

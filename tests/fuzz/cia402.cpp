@@ -75,58 +75,33 @@ class Run {
 
  private:
   void step() {
-    switch (in_.below(14)) {
-      case 0:
-        tick();
-        break;
-      case 1:
-        hear(in_.frame());
-        break;
-      case 2:
-        hear(in_.frame(in_.below(16) * 0x80U + node));
-        break;
-      case 3:
-        hear(test::heartbeat_of(node, in_.yes() ? 0x7F : in_.u8()));
-        break;
-      case 4:
-        hear(test::emergency_of(node, in_.u16()));
-        break;
-      case 5:
-        hear(test::report_of(node, in_.u16(), static_cast<std::int32_t>(in_.u32()),
-                             static_cast<std::int16_t>(in_.u16())));
-        break;
-      case 6:
-        hear(test::motion_of(node, static_cast<std::int32_t>(in_.u32()), in_.yes() ? 10 : in_.u8()));
-        break;
-      case 7:
-        answer(in_.u8());
-        break;
-      case 8: {
-        const unsigned how = in_.below(8);
-        enable(how == 7 ? 0 : how == 6 ? 1 : 99);
-        break;
-      }
-      case 9:
-        disable();
-        break;
-      case 10:
-        torque(in_.f64());
-        break;
-      case 11:
-        ++asked_again_ % 3 == 1 ? axis_.ask_again() : sync(asked_again_ % 3 == 2);
-        break;
-      case 12:  // what a set-up takes, many times in a row
-        for (unsigned n = in_.below(128); n > 0 && left_ > 0; --n, --left_) {
-          tick();
-          answer(0);
-          enable(99);
-          hold();
-        }
-        break;
-      default:
-        obey();
-        break;
-    }
+    in_.one_of(
+        14, [&] { tick(); }, [&] { hear(in_.frame()); },
+        [&] { hear(in_.frame(in_.below(16) * 0x80U + node)); },
+        [&] { hear(test::heartbeat_of(node, in_.yes() ? 0x7F : in_.u8())); },
+        [&] { hear(test::emergency_of(node, in_.u16())); },
+        [&] {
+          hear(test::report_of(node, in_.u16(), static_cast<std::int32_t>(in_.u32()),
+                               static_cast<std::int16_t>(in_.u16())));
+        },
+        [&] { hear(test::motion_of(node, static_cast<std::int32_t>(in_.u32()), in_.yes() ? 10 : in_.u8())); },
+        [&] { answer(in_.u8()); },
+        [&] {
+          const unsigned how = in_.below(8);
+          enable(how == 7 ? 0 : how == 6 ? 1 : 99);
+        },
+        [&] { disable(); }, [&] { torque(in_.f64()); },
+        [&] { ++asked_again_ % 3 == 1 ? axis_.ask_again() : sync(asked_again_ % 3 == 2); },
+        [&] {
+          // what a set-up takes, many times in a row
+          for (unsigned n = in_.below(128); n > 0 && left_ > 0; --n, --left_) {
+            tick();
+            answer(0);
+            enable(99);
+            hold();
+          }
+        },
+        [&] { obey(); });
   }
   /// A drive that does what it is told, for one tick.
   void obey() {

@@ -131,31 +131,15 @@ class ClockRun {
   }
 
   void pass() {
-    switch (in_.below(10)) {
-      case 0:
-        break;  // it stands still
-      case 1:
-        board_.now += in_.u8();
-        break;
-      case 2:
-        board_.now += in_.u16();
-        break;
-      case 3:
-        board_.now += in_.u32();
-        break;
-      case 4:
-        board_.now -= in_.u16();
-        break;
-      case 5:
-        board_.now = loop_.instant_us() - 1;
-        break;
-      case 6:
-        board_.now = loop_.instant_us() + period_ns_ / 2000 + in_.below(2);
-        break;
-      default:
-        board_.now = loop_.instant_us();
-        break;
-    }
+    in_.one_of(
+        10,
+        [&] {
+          // it stands still
+        },
+        [&] { board_.now += in_.u8(); }, [&] { board_.now += in_.u16(); }, [&] { board_.now += in_.u32(); },
+        [&] { board_.now -= in_.u16(); }, [&] { board_.now = loop_.instant_us() - 1; },
+        [&] { board_.now = loop_.instant_us() + period_ns_ / 2000 + in_.below(2); },
+        [&] { board_.now = loop_.instant_us(); });
   }
   void change();
 
@@ -381,16 +365,8 @@ RealNode running() {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const RealNode under_torque = running();
   Bytes in(data, size);
-  switch (in.below(4)) {
-    case 0:
-      ClockRun<AskingNode>(in, {}).go();
-      break;
-    case 1:
-      ClockRun<RealNode>(in, real_node()).go();
-      break;
-    default:
-      ClockRun<RealNode>(in, under_torque).go();
-      break;
-  }
+  in.one_of(
+      4, [&] { ClockRun<AskingNode>(in, {}).go(); }, [&] { ClockRun<RealNode>(in, real_node()).go(); },
+      [&] { ClockRun<RealNode>(in, under_torque).go(); });
   return 0;
 }

@@ -202,19 +202,7 @@ void command_link(fuzz::Bytes& in) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Bytes in(data, size);
-  switch (in.below(4)) {
-    case 0:
-      odrive(in);
-      break;
-    case 1:
-      canopen(in);
-      break;
-    case 2:
-      mit(in);
-      break;
-    default:
-      command_link(in);
-      break;
-  }
+  in.one_of(
+      4, [&] { odrive(in); }, [&] { canopen(in); }, [&] { mit(in); }, [&] { command_link(in); });
   return 0;
 }

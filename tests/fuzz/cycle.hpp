@@ -233,70 +233,38 @@ class CycleRun {
     }
   }
   void disturb(Bytes& in) {
-    switch (in.below(16)) {
-      case 0:
-        bus_.status = static_cast<hal::SendStatus>(in.below(4));
-        break;
-      case 1:
-        bus_.age_us = in.u32();
-        break;
-      case 2:
-        cycle_.enable_input(closed_ = in.yes());
-        break;
-      case 3:
-        cycle_.ask_again();
-        break;
-      case 4:
-        if (!in.yes()) {
-          cycle_.tick_late();
-          break;
-        }
-        cycle_.request(bus_);
-        break;
-      case 5:
-        in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02);
-        break;
-      case 6:
-        if (!bus_.unread().empty()) foreign_command_ = false;  // it may never have been heard
-        bus_ = {};
-        rate_ = {};
-        angle_ = setup_.angle;
-        cycle_.enable_input(closed_ = true);
-        break;
-      case 7:
-        obey_ = in.yes();
-        break;
-      case 8: {
-        const unsigned without = in.below(8);
-        for (unsigned n = in.u8(); n > 0 && ticks_ < ticks_max; --n) {
-          speak(without);
-          end(true);
-        }
-        break;
-      }
-      case 9:
-        store(in);
-        break;
-      case 10:
-        stand(in);
-        break;
-      case 11:
-        follows_ = static_cast<std::int8_t>(in.u8()) * 0.02;
-        break;
-      case 12:
-        bus_.room = in.below(32);
-        break;
-      case 13:
-        moves_ = in.yes();
-        break;
-      case 14:
-        bus_.age_us = in.u8() * 1000U;
-        break;
-      default:
-        cycle_.receive(bus_);
-        cycle_.request(bus_);
-        break;
-    }
+    in.one_of(
+        16, [&] { bus_.status = static_cast<hal::SendStatus>(in.below(4)); }, [&] { bus_.age_us = in.u32(); },
+        [&] { cycle_.enable_input(closed_ = in.yes()); }, [&] { cycle_.ask_again(); },
+        [&] {
+          if (!in.yes()) {
+            cycle_.tick_late();
+            return;
+          }
+          cycle_.request(bus_);
+        },
+        [&] { in.yes() ? cycle_.receive(bus_) : void(yields_ = static_cast<std::int8_t>(in.u8()) * 0.02); },
+        [&] {
+          if (!bus_.unread().empty()) foreign_command_ = false;  // it may never have been heard
+          bus_ = {};
+          rate_ = {};
+          angle_ = setup_.angle;
+          cycle_.enable_input(closed_ = true);
+        },
+        [&] { obey_ = in.yes(); },
+        [&] {
+          const unsigned without = in.below(8);
+          for (unsigned n = in.u8(); n > 0 && ticks_ < ticks_max; --n) {
+            speak(without);
+            end(true);
+          }
+        },
+        [&] { store(in); }, [&] { stand(in); }, [&] { follows_ = static_cast<std::int8_t>(in.u8()) * 0.02; },
+        [&] { bus_.room = in.below(32); }, [&] { moves_ = in.yes(); }, [&] { bus_.age_us = in.u8() * 1000U; },
+        [&] {
+          cycle_.receive(bus_);
+          cycle_.request(bus_);
+        });
   }
   /// What a board does with its store of parameters, between ticks; or a word that it would not say.
   void store(Bytes& in) {

@@ -77,33 +77,15 @@ struct Cia402 {
     template <class Push>
     void defect(fuzz::Bytes& in, Push&& push) {
       const unsigned node = slave.node;
-      switch (in.below(8)) {
-        case 0:
-          slave.status = in.u16();
-          break;
-        case 1:
-          slave.mode = in.u8();
-          break;
-        case 2:
-          slave.state = in.yes() ? 0x7F : in.u8();
-          break;
-        case 3:
-          push(test::emergency_of(node, in.u16()));
-          break;
-        case 4:
-          push(test::report_of(node, in.u16(), static_cast<std::int32_t>(in.u32()),
-                               static_cast<std::int16_t>(in.u16())));
-          break;
-        case 5:
-          push(test::motion_of(node, static_cast<std::int32_t>(in.u32()), in.u8()));
-          break;
-        case 6:
-          slave.obeys = in.yes();
-          break;
-        default:
-          push(in.frame(0x580 + node));
-          break;
-      }
+      in.one_of(
+          8, [&] { slave.status = in.u16(); }, [&] { slave.mode = in.u8(); },
+          [&] { slave.state = in.yes() ? 0x7F : in.u8(); }, [&] { push(test::emergency_of(node, in.u16())); },
+          [&] {
+            push(test::report_of(node, in.u16(), static_cast<std::int32_t>(in.u32()),
+                                 static_cast<std::int16_t>(in.u16())));
+          },
+          [&] { push(test::motion_of(node, static_cast<std::int32_t>(in.u32()), in.u8())); },
+          [&] { slave.obeys = in.yes(); }, [&] { push(in.frame(0x580 + node)); });
     }
     /// What it says of its objects from now on. The rated torque is the scale of all torques: of what would
     /// be believed, the right one only, so that torques can be read from frames.
@@ -111,34 +93,26 @@ struct Cia402 {
       const auto& object = drive::cia402::setup[in.below(drive::cia402::setup.size())].object;
       const std::uint32_t entry = test::entry(object.index, object.sub);
       const bool scale = object == drive::cia402::rated_torque;
-      switch (in.below(6)) {
-        case 0:
-          slave.says[entry] = !scale ? in.u32() : in.yes() ? in.u32() | 0x10000U : in.below(256);
-          break;
-        case 1: {
-          constexpr std::array<std::uint32_t, 2> none{0x0602'0000, 0x0609'0011};  // object, sub-index
-          slave.aborts[entry] = in.yes() ? none[in.below(2)] : in.u32();
-          break;
-        }
-        case 2: {
-          constexpr std::array<int, 5> values{0x42, 0x43, 0x47, 0x4B,
-                                              0x4F};  // without its size, of four bytes to one
-          slave.command[entry] = in.yes() ? values[in.below(5)] : scale ? 0x80 : in.u8();
-          break;
-        }
-        case 3:
-          slave.silent.insert(entry);
-          break;
-        case 4:
-          slave.torque = static_cast<std::int16_t>(in.u16());
-          break;
-        default:
-          slave.says.clear();
-          slave.aborts.clear();
-          slave.command.clear();
-          slave.silent.clear();
-          break;
-      }
+      in.one_of(
+          6, [&] { slave.says[entry] = !scale     ? in.u32()
+                                       : in.yes() ? in.u32() | 0x10000U
+                                                  : in.below(256); },
+          [&] {
+            constexpr std::array<std::uint32_t, 2> none{0x0602'0000, 0x0609'0011};  // object, sub-index
+            slave.aborts[entry] = in.yes() ? none[in.below(2)] : in.u32();
+          },
+          [&] {
+            constexpr std::array<int, 5> values{0x42, 0x43, 0x47, 0x4B,
+                                                0x4F};  // without its size, of four bytes to one
+            slave.command[entry] = in.yes() ? values[in.below(5)] : scale ? 0x80 : in.u8();
+          },
+          [&] { slave.silent.insert(entry); }, [&] { slave.torque = static_cast<std::int16_t>(in.u16()); },
+          [&] {
+            slave.says.clear();
+            slave.aborts.clear();
+            slave.command.clear();
+            slave.silent.clear();
+          });
     }
   };
   static Drive drive(std::size_t i, unsigned choice) {

@@ -68,34 +68,19 @@ struct Mit {
     }
     template <class Push>
     void defect(fuzz::Bytes& in, Push&& push) {
-      switch (in.below(4)) {
-        case 0:
-          error = in.u8();
-          break;
-        case 1:
-          on = in.yes();
-          break;
-        case 2:
-          push(reply(in.u16(), in.u16() & 0xFFFU, in.u16() & 0xFFFU, in.u8()));
-          break;
-        default:
-          push(in.frame(id));
-          break;
-      }
+      in.one_of(
+          4, [&] { error = in.u8(); }, [&] { on = in.yes(); },
+          [&] { push(reply(in.u16(), in.u16() & 0xFFFU, in.u16() & 0xFFFU, in.u8())); },
+          [&] { push(in.frame(id)); });
     }
     /// Of what it is.
     void tamper(fuzz::Bytes& in) {
-      switch (in.below(3)) {
-        case 0:
-          asked = in.yes();
-          break;  // a command is lost, or another one has come
-        case 1:
-          dialect = in.below(3);
-          break;
-        default:
-          torque = in.u16() & 0xFFFU;
-          break;
-      }
+      in.one_of(
+          3,
+          [&] {
+            asked = in.yes();  // a command is lost, or another one has come
+          },
+          [&] { dialect = in.below(3); }, [&] { torque = in.u16() & 0xFFFU; });
     }
   };
   static Drive drive(std::size_t i, unsigned choice) {

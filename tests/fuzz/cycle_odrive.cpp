@@ -121,52 +121,32 @@ struct Odrive {
     }
     /// Of what it answers, and of what it is.
     void tamper(fuzz::Bytes& in) {
-      switch (in.below(6)) {
-        case 0: {
-          const unsigned b = in.u8();
-          mute = (b & 1U) != 0;
-          dumb = (b & 6U) == 6U;
-          break;
-        }
-        case 1:
-          version = in.u32();
-          break;
-        case 2:
-          flip = in.u32();
-          clipped = std::bit_cast<float>(flip);
-          break;
-        case 3:
-          size = static_cast<std::uint8_t>(in.below(9));
-          fd = in.yes();
-          remote = in.yes();
-          break;
-        case 4:
-          beside = in.below(4);
-          break;
-        default:
-          watchdog = in.yes() ? in.u32() : 0U;
-          break;
-      }
+      in.one_of(
+          6,
+          [&] {
+            const unsigned b = in.u8();
+            mute = (b & 1U) != 0;
+            dumb = (b & 6U) == 6U;
+          },
+          [&] { version = in.u32(); },
+          [&] {
+            flip = in.u32();
+            clipped = std::bit_cast<float>(flip);
+          },
+          [&] {
+            size = static_cast<std::uint8_t>(in.below(9));
+            fd = in.yes();
+            remote = in.yes();
+          },
+          [&] { beside = in.below(4); }, [&] { watchdog = in.yes() ? in.u32() : 0U; });
     }
     template <class Push>
     void defect(fuzz::Bytes& in, Push&& push) {
-      switch (in.below(5)) {
-        case 0:
-          state = in.u8();
-          break;
-        case 1:
-          error = in.u32();
-          break;
-        case 2:
-          push(test::encoder(node, in.f32(), in.f32()));
-          break;
-        case 3:
-          push(test::message(node, 2, 0, 0, 0));
-          break;
-        default:
-          push(test::heartbeat(node, in.u8(), in.u32()));
-          break;
-      }
+      in.one_of(
+          5, [&] { state = in.u8(); }, [&] { error = in.u32(); },
+          [&] { push(test::encoder(node, in.f32(), in.f32())); },
+          [&] { push(test::message(node, 2, 0, 0, 0)); },
+          [&] { push(test::heartbeat(node, in.u8(), in.u32())); });
     }
   };
   static Drive drive(std::size_t i, unsigned choice) {

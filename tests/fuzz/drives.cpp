@@ -358,16 +358,7 @@ class MitRun final : public DriveRun {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   Bytes in(data, size);
-  switch (in.below(3)) {
-    case 0:
-      OdriveRun(in).go();
-      break;
-    case 1:
-      MitRun(in).go();
-      break;
-    default:
-      fuzz::Cia402Run(in).go();
-      break;
-  }
+  in.one_of(
+      3, [&] { OdriveRun(in).go(); }, [&] { MitRun(in).go(); }, [&] { fuzz::Cia402Run(in).go(); });
   return 0;
 }

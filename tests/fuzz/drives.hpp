@@ -26,32 +26,13 @@ class DriveRun {
     axis_->settle(shaft_.angle);
     settled(shaft_.angle);
     while (!in_.empty() && periods_ < periods_max) {
-      switch (in_.below(8)) {
-        case 0:
-          pass();
-          break;
-        case 1:
-          hear(in_.frame());
-          break;
-        case 2:
-          hear(ours());
-          break;
-        case 3:
-          hear(changed(ours()));
-          break;
-        case 4:
-          for (unsigned n = in_.below(64); n > 0; --n) pass();
-          break;
-        case 5:
-          arm(in_.u8());
-          break;
-        case 6:
-          move();
-          break;
-        default:
-          hear(in_.yes() ? last_ : changed(last_));
-          break;
-      }
+      in_.one_of(
+          8, [&] { pass(); }, [&] { hear(in_.frame()); }, [&] { hear(ours()); },
+          [&] { hear(changed(ours())); },
+          [&] {
+            for (unsigned n = in_.below(64); n > 0; --n) pass();
+          },
+          [&] { arm(in_.u8()); }, [&] { move(); }, [&] { hear(in_.yes() ? last_ : changed(last_)); });
     }
   }
 
@@ -155,26 +136,10 @@ class DriveRun {
     if (std::fabs(angle) < 1e5) shaft_.angle = angle;
   }
   hal::CanFrame changed(hal::CanFrame f) {
-    switch (in_.below(6)) {
-      case 0:
-        f.size = static_cast<std::uint8_t>(in_.below(9));
-        break;
-      case 1:
-        f.id ^= 1U << in_.below(11);
-        break;
-      case 2:
-        f.extended = true;
-        break;
-      case 3:
-        f.remote = true;
-        break;
-      case 4:
-        f.fd = true;
-        break;
-      default:
-        f.data[in_.below(8)] = in_.u8();
-        break;
-    }
+    in_.one_of(
+        6, [&] { f.size = static_cast<std::uint8_t>(in_.below(9)); }, [&] { f.id ^= 1U << in_.below(11); },
+        [&] { f.extended = true; }, [&] { f.remote = true; }, [&] { f.fd = true; },
+        [&] { f.data[in_.below(8)] = in_.u8(); });
     return f;
   }
 

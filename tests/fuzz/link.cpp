@@ -92,42 +92,23 @@ class Run {
   }
 
   void step() {
-    switch (in_.below(10)) {
-      case 0:
-        end();
-        begin();
-        break;
-      case 1:
-        receive(in_.frame());
-        break;
-      case 2:
-        receive(in_.frame(base + in_.below(32)));
-        break;
-      case 3:
-        sealed(in_.frame(base + in_.below(7)), in_.u8());
-        break;
-      case 4:
-        if (const unsigned what = in_.below(12); what < 11)
-          receive(order(what));
-        else
-          receive(order(Desk::override_speed + (static_cast<unsigned>(in_.u8()) << 8U)));
-        break;
-      case 5:
-        point();
-        break;
-      case 6:
-        sample();
-        break;
-      case 7:
-        write(in_.below(16), in_.yes() ? in_.f32() : static_cast<float>(in_.u8()));
-        break;
-      case 8:
-        receive(last_);
-        break;
-      default:
-        arm();
-        break;
-    }
+    in_.one_of(
+        10,
+        [&] {
+          end();
+          begin();
+        },
+        [&] { receive(in_.frame()); }, [&] { receive(in_.frame(base + in_.below(32))); },
+        [&] { sealed(in_.frame(base + in_.below(7)), in_.u8()); },
+        [&] {
+          if (const unsigned what = in_.below(12); what < 11)
+            receive(order(what));
+          else
+            receive(order(Desk::override_speed + (static_cast<unsigned>(in_.u8()) << 8U)));
+        },
+        [&] { point(); }, [&] { sample(); },
+        [&] { write(in_.below(16), in_.yes() ? in_.f32() : static_cast<float>(in_.u8())); },
+        [&] { receive(last_); }, [&] { arm(); });
   }
 
   // ---- what a supervisor computer sends

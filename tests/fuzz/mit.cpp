@@ -41,37 +41,16 @@ class Run {
 
  private:
   void step() {
-    switch (in_.below(9)) {
-      case 0:
-        tick();
-        break;
-      case 1:
-        hear(in_.frame());
-        break;
-      case 2:
-        hear(in_.frame(settings_.master_id));
-        break;
-      case 3:
-        hear(reply(in_.u16(), in_.u16() & 0xFFFU, in_.u16() & 0xFFFU, in_.u8()));
-        break;
-      case 4:
-        enable(in_.below(8) != 7);
-        break;
-      case 5:
-        disable(in_.below(8) != 7);
-        break;
-      case 6:
-        torque(in_.f64());
-        break;
-      case 7:
-        axis_.ask_again();
-        break;
-      default:
-        tick();
-        hear(reply(0x8000, 0x800, 0x800, settings_.dialect == Dialect::damiao && asked_ == 0xFC ? 1 : 0));
-        enable(true);
-        break;
-    }
+    in_.one_of(
+        9, [&] { tick(); }, [&] { hear(in_.frame()); }, [&] { hear(in_.frame(settings_.master_id)); },
+        [&] { hear(reply(in_.u16(), in_.u16() & 0xFFFU, in_.u16() & 0xFFFU, in_.u8())); },
+        [&] { enable(in_.below(8) != 7); }, [&] { disable(in_.below(8) != 7); }, [&] { torque(in_.f64()); },
+        [&] { axis_.ask_again(); },
+        [&] {
+          tick();
+          hear(reply(0x8000, 0x800, 0x800, settings_.dialect == Dialect::damiao && asked_ == 0xFC ? 1 : 0));
+          enable(true);
+        });
   }
   [[nodiscard]] CanFrame reply(unsigned p, unsigned v, unsigned t, unsigned error) const {
     if (v3()) {

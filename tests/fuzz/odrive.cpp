@@ -57,46 +57,18 @@ class Run {
 
  private:
   void step() {
-    switch (in_.below(12)) {
-      case 0:
-        tick();
-        break;
-      case 1:
-        hear(in_.frame());
-        break;
-      case 2:
-        hear(in_.frame(config_.node * 32U + in_.below(32)));
-        break;
-      case 3:
-        hear(test::heartbeat(config_.node, in_.yes() ? 8 : in_.u8(), in_.yes() ? in_.u32() : 0));
-        break;
-      case 4:
-        hear(test::encoder(config_.node, in_.f32(), in_.f32()));
-        break;
-      case 5:
-        enable();
-        break;
-      case 6:
-        disable();
-        break;
-      case 7:
-        acknowledge();
-        break;
-      case 8:
-        axis_.ask_again();
-        break;
-      case 9:
-        answer();
-        break;
-      case 10:
-        torque(in_.f64());
-        break;
-      default:
-        tick();
-        hear(test::heartbeat(config_.node, asked_state_));
-        enable();
-        break;
-    }
+    in_.one_of(
+        12, [&] { tick(); }, [&] { hear(in_.frame()); },
+        [&] { hear(in_.frame(config_.node * 32U + in_.below(32))); },
+        [&] { hear(test::heartbeat(config_.node, in_.yes() ? 8 : in_.u8(), in_.yes() ? in_.u32() : 0)); },
+        [&] { hear(test::encoder(config_.node, in_.f32(), in_.f32())); }, [&] { enable(); },
+        [&] { disable(); }, [&] { acknowledge(); }, [&] { axis_.ask_again(); }, [&] { answer(); },
+        [&] { torque(in_.f64()); },
+        [&] {
+          tick();
+          hear(test::heartbeat(config_.node, asked_state_));
+          enable();
+        });
   }
 
   void tick() {

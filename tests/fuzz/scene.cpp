@@ -94,21 +94,14 @@ void read_twice(const std::string& text, const std::vector<std::string>& sets) {
 
 /// A scene that is nearly right, beside a file of one of the kinds that scenes name.
 void built(fuzz::Bytes& in, bool two_legs, bool with_overrides) {
-  switch (in.below(4)) {
-    case 0:
-      write_file("t,x,y\n0.0,0.0,0.17\n0.05,0.01,0.17\n0.1,0.0,0.18\n");
-      break;
-    case 1:
-      write_file(five_bar);
-      break;
-    case 2:
-      write_file(
-          R"({"fw_version": "0.6.10", "endpoints": {"axis0.config.motor.torque_constant": {"id": 10, "type": "float"}}})");
-      break;
-    default:
-      write_file("\377\n");
-      break;
-  }
+  in.one_of(
+      4, [&] { write_file("t,x,y\n0.0,0.0,0.17\n0.05,0.01,0.17\n0.1,0.0,0.18\n"); },
+      [&] { write_file(five_bar); },
+      [&] {
+        write_file(
+            R"({"fw_version": "0.6.10", "endpoints": {"axis0.config.motor.torque_constant": {"id": 10, "type": "float"}}})");
+      },
+      [&] { write_file("\377\n"); });
   fuzz::SceneBuilder scene(in, two_legs, file_name);
   if (!with_overrides) {
     scene.change();

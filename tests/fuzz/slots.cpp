@@ -391,19 +391,9 @@ class Run {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::Bytes in(data, size);
-  switch (in.below(4)) {
-    case 0:
-      Run<Plain<2>>(in).go();
-      break;
-    case 1:
-      Run<Plain<8>>(in).go();
-      break;
-    case 2:
-      Run<Chip<hal::flash::G4Slots<test::FlashModelAccess>>>(in).go();
-      break;
-    default:
-      Run<Chip<hal::flash::H7Slots<test::FlashModelAccess>>>(in).go();
-      break;
-  }
+  in.one_of(
+      4, [&] { Run<Plain<2>>(in).go(); }, [&] { Run<Plain<8>>(in).go(); },
+      [&] { Run<Chip<hal::flash::G4Slots<test::FlashModelAccess>>>(in).go(); },
+      [&] { Run<Chip<hal::flash::H7Slots<test::FlashModelAccess>>>(in).go(); });
   return 0;
 }
