@@ -9,6 +9,8 @@ from pathlib import Path
 def cut(text, name):
     """What is before, in and after a part; the marks belong to the others."""
     begin, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1:
+        raise SystemExit(f"the markers of '{name}' are not there, once each")
     head, rest = text.split(begin)
     body, tail = rest.split(end)
     return head + begin, body, end + tail
