@@ -154,7 +154,7 @@ TEST(HardPlant, FourDecadesOfStepsAgree) {
 }
 
 /// A position loop closed on the joint's side of a gear with play: it hunts, and the cycle must be that of a
-/// run a hundred times finer.
+/// run ten times finer.
 struct Cycle {
   double amplitude, period;
 };
@@ -184,7 +184,7 @@ Cycle hunt(double step) {
 }
 
 TEST(HardPlant, BacklashLimitCycleIsThatOfAFinerRun) {
-  const Cycle coarse = hunt(2e-4), fine = hunt(2e-6);
+  const Cycle coarse = hunt(2e-4), fine = hunt(2e-5);
   EXPECT_GT(fine.amplitude, 1e-4) << "a loop that does not hunt tests nothing";
   EXPECT_GT(fine.period, 0.0);
   EXPECT_NEAR(coarse.amplitude, fine.amplitude, 0.02 * fine.amplitude);
