@@ -143,79 +143,53 @@ class CycleRun {
   }
   void inject(Bytes& in) {
     heard_of_.fill(true);  // it may be of anybody
-    switch (in.below(16)) {
-      case 0:
-        push(in.frame());
-        break;
-      case 1:
-        push(P::addressed(in));
-        break;
-      case 2:
-        push(in.frame(link_base + in.below(32)));
-        break;
-      case 3: {
-        hal::CanFrame f = in.frame(link_base + in.below(6));
-        const unsigned message = f.id - link_base;
-        desk_.counter[message] = (desk_.counter[message] + 1) & 15;
-        f.data[1] = static_cast<std::uint8_t>((f.data[1] & 0xF0U) | desk_.counter[message]);
-        push(desk_.seal(f, in.below(8) == 7 ? 0U : desk_.session));
-        break;
-      }
-      case 4: {
-        const unsigned what = in.u8();
-        hal::CanFrame f = desk_.order(what % 12);
-        if (what >= 240) f.data[0] ^= 0x10U;
-        push(f);
-        break;
-      }
-      case 5: {
-        const auto x = static_cast<std::int16_t>(in.u16()), y = static_cast<std::int16_t>(in.u16());
-        push(desk_.pair(in.yes() ? Desk::point : Desk::position, x * 64, y * 64, space()));
-        push(desk_.pair(Desk::velocity, x * 4, y * 4, space()));
-        break;
-      }
-      case 6: {
-        const std::size_t i = in.below(static_cast<unsigned>(axes_));
-        drives_[i].defect(in, [&](const hal::CanFrame& f) { push(f); });
-        break;
-      }
-      case 7: {
-        const hal::CanFrame f = in.frame();
-        const unsigned many = in.u8();
-        for (unsigned n = many == 255 ? 70'000 : many * 8; n > 0; --n) push(f);
-        break;
-      }
-      case 8:
-        push(desk_.set_gain(in.below(16), in.yes() ? in.f32() : static_cast<float>(in.u8())));
-        break;
-      case 9:
-        push(desk_.ask(in.below(4), in.below(16)));
-        break;
-      case 10: {  // near where it is, and slow
-        const auto of = [&](double v) {
-          return static_cast<int>(std::lround(v * 1e6)) + static_cast<std::int8_t>(in.u8()) * 256;
-        };
-        const int x = of(near_[0]), y = of(near_[1]), v = static_cast<std::int8_t>(in.u8()) * 64;
-        push(desk_.pair(in.yes() ? Desk::point : Desk::position, x, y, space()));
-        push(desk_.pair(Desk::velocity, v, -v, in.below(8) == 7 ? 1 - space() : space()));
-        break;
-      }
-      case 11:
-        push(desk_.pair(1 + in.below(3), in.u16(), in.u16(), in.below(4)));
-        break;
-      case 12: {
-        hal::CanFrame f = desk_.order(in.below(12));
-        f.data[4] = static_cast<std::uint8_t>(f.data[4] - in.u8());  // as old as that
-        push(desk_.seal(f, desk_.session));
-        break;
-      }
-      case 13:
-        push(last_);
-        break;
-      default:
-        drives_[in.below(static_cast<unsigned>(axes_))].tamper(in);
-        break;
-    }
+    in.one_of(
+        16, [&] { push(in.frame()); }, [&] { push(P::addressed(in)); },
+        [&] { push(in.frame(link_base + in.below(32))); },
+        [&] {
+          hal::CanFrame f = in.frame(link_base + in.below(6));
+          const unsigned message = f.id - link_base;
+          desk_.counter[message] = (desk_.counter[message] + 1) & 15;
+          f.data[1] = static_cast<std::uint8_t>((f.data[1] & 0xF0U) | desk_.counter[message]);
+          push(desk_.seal(f, in.below(8) == 7 ? 0U : desk_.session));
+        },
+        [&] {
+          const unsigned what = in.u8();
+          hal::CanFrame f = desk_.order(what % 12);
+          if (what >= 240) f.data[0] ^= 0x10U;
+          push(f);
+        },
+        [&] {
+          const auto x = static_cast<std::int16_t>(in.u16()), y = static_cast<std::int16_t>(in.u16());
+          push(desk_.pair(in.yes() ? Desk::point : Desk::position, x * 64, y * 64, space()));
+          push(desk_.pair(Desk::velocity, x * 4, y * 4, space()));
+        },
+        [&] {
+          const std::size_t i = in.below(static_cast<unsigned>(axes_));
+          drives_[i].defect(in, [&](const hal::CanFrame& f) { push(f); });
+        },
+        [&] {
+          const hal::CanFrame f = in.frame();
+          const unsigned many = in.u8();
+          for (unsigned n = many == 255 ? 70'000 : many * 8; n > 0; --n) push(f);
+        },
+        [&] { push(desk_.set_gain(in.below(16), in.yes() ? in.f32() : static_cast<float>(in.u8()))); },
+        [&] { push(desk_.ask(in.below(4), in.below(16))); },
+        [&] {  // near where it is, and slow
+          const auto of = [&](double v) {
+            return static_cast<int>(std::lround(v * 1e6)) + static_cast<std::int8_t>(in.u8()) * 256;
+          };
+          const int x = of(near_[0]), y = of(near_[1]), v = static_cast<std::int8_t>(in.u8()) * 64;
+          push(desk_.pair(in.yes() ? Desk::point : Desk::position, x, y, space()));
+          push(desk_.pair(Desk::velocity, v, -v, in.below(8) == 7 ? 1 - space() : space()));
+        },
+        [&] { push(desk_.pair(1 + in.below(3), in.u16(), in.u16(), in.below(4))); },
+        [&] {
+          hal::CanFrame f = desk_.order(in.below(12));
+          f.data[4] = static_cast<std::uint8_t>(f.data[4] - in.u8());  // as old as that
+          push(desk_.seal(f, desk_.session));
+        },
+        [&] { push(last_); }, [&] { drives_[in.below(static_cast<unsigned>(axes_))].tamper(in); });
   }
   [[nodiscard]] unsigned space() const { return at_effector() ? 0U : 1U; }
   void command(Bytes& in) {

@@ -101,43 +101,31 @@ class Run {
     return s;
   }
   void step() {
-    switch (in_.below(8)) {
-      case 0:
-        hear(in_.frame());
-        break;
-      case 1: {
-        CanFrame f = in_.frame(node << 8U);
-        f.extended = f.remote = false;
-        hear(f);
-        break;
-      }
-      case 2:
-        tell(in_.frame(0x8000 + node));
-        break;
-      case 3: {  // our frame or its reply, changed
-        CanFrame f = in_.yes() ? sent_ : reply_;
-        if (f.size > 0) f.data[in_.u8() % f.size] = in_.u8();
-        if (in_.below(4) == 0) f.size = static_cast<std::uint8_t>(in_.u8() % 65);
-        (f.id & 0x8000U) != 0 ? tell(f) : hear(f);
-        break;
-      }
-      case 4:
-        axis_.disable([](const CanFrame&) { return true; });
-        break;
-      case 5:
-        wanted_ = in_.f64();
-        break;
-      default:
-        axis_.begin_tick();
-        emulated_.publish(0.25, 1.0, [&](const CanFrame& f) { hear(reply_ = f); });
-        axis_.enable([&](const CanFrame& f) {
-          require(f.size == 12 && f.data[0] == 0x11, "a silent drive is asked, not commanded");
-          return in_.yes();
+    in_.one_of(
+        8, [&] { hear(in_.frame()); },
+        [&] {
+          CanFrame f = in_.frame(node << 8U);
+          f.extended = f.remote = false;
+          hear(f);
+        },
+        [&] { tell(in_.frame(0x8000 + node)); },
+        [&] {  // our frame or its reply, changed
+          CanFrame f = in_.yes() ? sent_ : reply_;
+          if (f.size > 0) f.data[in_.u8() % f.size] = in_.u8();
+          if (in_.below(4) == 0) f.size = static_cast<std::uint8_t>(in_.u8() % 65);
+          (f.id & 0x8000U) != 0 ? tell(f) : hear(f);
+        },
+        [&] { axis_.disable([](const CanFrame&) { return true; }); }, [&] { wanted_ = in_.f64(); },
+        [&] {
+          axis_.begin_tick();
+          emulated_.publish(0.25, 1.0, [&](const CanFrame& f) { hear(reply_ = f); });
+          axis_.enable([&](const CanFrame& f) {
+            require(f.size == 12 && f.data[0] == 0x11, "a silent drive is asked, not commanded");
+            return in_.yes();
+          });
+          axis_.put_torque(sent_, wanted_);
+          tell(sent_);
         });
-        axis_.put_torque(sent_, wanted_);
-        tell(sent_);
-        break;
-    }
   }
   void hear(const CanFrame& f) {
     const bool ours = f.id == node << 8U && !f.extended && !f.remote;

@@ -325,66 +325,51 @@ class SceneBuilder {
   void preset() {
     auto& control = sections_["control"];
     auto& drives = sections_["drives"];
-    switch (in_.below(16)) {
-      case 10:
-        control["law"] = "\"esmc_projected\"";
-        break;
-      case 11:
-        control["law"] = "\"smc\"";
-        break;
-      case 12:
-        control["law"] = "\"ctc\"";
-        control.erase("gain");
-        break;
-      case 13:
-        control["reaching"] = in_.yes() ? "\"super_twisting\"" : "\"implicit_coupled\"";
-        break;
-      case 14:
-        control["predictor"] = "true";
-        control["delay_ticks"] = number(in_.below(20) * 0.5);
-        break;
-      case 15:
-        sections_["initial"] = {{"joints", joints()}};
-        break;
-      case 0:
-        control["motors"] = control["sensors"] = "\"all\"";
-        break;
-      case 1:
-        control["sensors"] = "\"all\"";
-        sections_["sensors"]["nodes"] = "[3, 4]";
-        break;
-      case 2:
-        control["law"] = "\"none\"";
-        for (const auto* gone : {"lambda", "gain", "torque_limit"}) control.erase(gone);
-        break;
-      case 3:
-        control["law"] = "\"open_loop\"";
-        for (const auto* gone : {"lambda", "gain", "torque_limit"}) control.erase(gone);
-        control["torque"] = "[{ offset = 0.1 }, { terms = [{ amp = 0.1, omega = 3.0 }] }]";
-        break;
-      case 4:
-        control["law"] = "\"pd\"";
-        for (const auto* gone : {"lambda", "gain"}) control.erase(gone);
-        control["kp"] = control["kd"] = "10.0";
-        break;
-      case 5:
-        control["gain"] = "\"robust\"";
-        sections_["uncertainty"]["m1"] = "0.1";
-        break;
-      case 6:
-        drives["protocol"] = "\"cia402\"";
-        break;
-      case 7:
-        drives["protocol"] = "\"mit\"";
-        break;
-      case 8:
-        sections_["command"] = {{"speed", "0.5"}, {"acceleration", "5.0"}};
-        break;
-      default:
-        sections_["simulation"].erase("step");
-        sections_["simulation"]["accuracy"] = "1e-6";
-        break;
-    }
+    in_.one_of(
+        16, [&] { control["motors"] = control["sensors"] = "\"all\""; },
+        [&] {
+          control["sensors"] = "\"all\"";
+          sections_["sensors"]["nodes"] = "[3, 4]";
+        },
+        [&] {
+          control["law"] = "\"none\"";
+          for (const auto* gone : {"lambda", "gain", "torque_limit"}) control.erase(gone);
+        },
+        [&] {
+          control["law"] = "\"open_loop\"";
+          for (const auto* gone : {"lambda", "gain", "torque_limit"}) control.erase(gone);
+          control["torque"] = "[{ offset = 0.1 }, { terms = [{ amp = 0.1, omega = 3.0 }] }]";
+        },
+        [&] {
+          control["law"] = "\"pd\"";
+          for (const auto* gone : {"lambda", "gain"}) control.erase(gone);
+          control["kp"] = control["kd"] = "10.0";
+        },
+        [&] {
+          control["gain"] = "\"robust\"";
+          sections_["uncertainty"]["m1"] = "0.1";
+        },
+        [&] { drives["protocol"] = "\"cia402\""; }, [&] { drives["protocol"] = "\"mit\""; },
+        [&] {
+          sections_["command"] = {{"speed", "0.5"}, {"acceleration", "5.0"}};
+        },
+        [&] {
+          sections_["simulation"].erase("step");
+          sections_["simulation"]["accuracy"] = "1e-6";
+        },
+        [&] { control["law"] = "\"esmc_projected\""; }, [&] { control["law"] = "\"smc\""; },
+        [&] {
+          control["law"] = "\"ctc\"";
+          control.erase("gain");
+        },
+        [&] { control["reaching"] = in_.yes() ? "\"super_twisting\"" : "\"implicit_coupled\""; },
+        [&] {
+          control["predictor"] = "true";
+          control["delay_ticks"] = number(in_.below(20) * 0.5);
+        },
+        [&] {
+          sections_["initial"] = {{"joints", joints()}};
+        });
   }
 
   Bytes& in_;
