@@ -3,7 +3,6 @@
 usage: canopen_test.py ESMC SCENE"""
 import json
 import math
-import os
 import shutil
 import subprocess
 import sys
@@ -11,8 +10,10 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "vcan"))
+import vcan  # noqa: E402
+
 MODULES = HERE / "node_modules"
-SKIPPED = 77
 
 
 def base_angles(x, y):
@@ -27,19 +28,11 @@ def main():
     esmc, scene = (str(Path(a).resolve()) for a in sys.argv[1:3])
     if not shutil.which("node") or not (MODULES / "canopen").is_dir():
         print("SKIPPED: node or npm's canopen is missing; host_sim/setup tests provides them")
-        return SKIPPED
+        return vcan.SKIPPED
     counts = [round(a / (2 * math.pi) * 2**20) for a in base_angles(0.0, 0.17)]
     with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as folder:
         out = Path(folder)
-        job = subprocess.run([HERE.parent / "vcan" / "with_vcan", "--timeout", "300", "--", HERE / "canopen_job", esmc, scene,
-                              folder, MODULES, *map(str, counts)], capture_output=True, text=True,
-                             env={**os.environ, "VCAN_MEMORY_MB": "1024"})
-        if job.returncode == SKIPPED:
-            print(job.stdout.strip())
-            return SKIPPED
-        if job.returncode != 0:
-            print(job.stdout, job.stderr)
-            return 1
+        vcan.inside(HERE / "canopen_job", esmc, scene, folder, MODULES, *map(str, counts), VCAN_MEMORY_MB="1024")
         # Our controller on their slaves: set up, enabled, commanded, released.
         largest = {}
         for drive in json.loads((out / "slave.json").read_text()):

@@ -4,7 +4,6 @@
 
 usage: zcu102_test.py ESMC SCENE ELF SECONDS      of the scene"""
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -16,9 +15,8 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "boards"))
 import board_test  # noqa: E402  (beside the other images)
 import stack_bound  # noqa: E402
+import vcan  # noqa: E402
 import zcu102  # noqa: E402
-
-SKIPPED = 77
 
 
 def limit(seconds):
@@ -65,29 +63,16 @@ def inside(esmc, scene, elf, seconds, out):
 def main(esmc, scene, elf, seconds):
     esmc, scene, elf = (str(Path(a).resolve()) for a in (esmc, scene, elf))
 
-    def hil(scalar):
-        done = subprocess.run([esmc, "hil", scene, "--scalar", scalar, "--json", "--set", f"simulation.duration={seconds}"],
-                              capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
-
-    want, other = hil("double"), hil("float")
+    want, other = (vcan.hil(esmc, scene, "--scalar", s, "--set", f"simulation.duration={seconds}") for s in ("double", "float"))
     assert want["supervisor"]["faults"] == [], want["supervisor"]
     assert want["digest"] != other["digest"], "the digest does not tell float from double: this test could not fail"
     with tempfile.TemporaryDirectory(dir=Path(esmc).parent) as out:
-        job = subprocess.run([HERE / "with_vcan", "--timeout", str(int(limit(0) + limit(seconds) + 20)), "--",
-                              sys.executable, __file__, "--inside", esmc, scene, elf, seconds, out],
-                             capture_output=True, text=True, env=dict(os.environ, VCAN_MEMORY_MB="512"))
-        if job.returncode == SKIPPED:
-            print(job.stdout.strip())
-            return SKIPPED
-        if job.returncode != 0:
-            print(job.stdout, job.stderr)
-            return 1
+        vcan.inside(sys.executable, __file__, "--inside", esmc, scene, elf, seconds, out,
+                    timeout=int(limit(0) + limit(seconds) + 20), VCAN_MEMORY_MB="512")
         got = json.loads(Path(out, "plant.json").read_text(encoding="utf-8"))
         used, reserved = json.loads(Path(out, "stack.json").read_text(encoding="utf-8"))
-    for key in ("digest", "final_state", "ticks", "tracking"):
-        assert got[key] == want[key], f"{key} is {got[key]}, of esmc hil {want[key]}"
+    vcan.same(got, want, "the image")
+    assert got["tracking"] == want["tracking"]
     most = stack_bound.of_image(elf, Path(elf).parent)[0]
     print(f"{got['ticks']} ticks in {got['wall_s']:.1f} s, digest {got['digest']}; "
           f"stack: {used} of {reserved} bytes used, at most {most} by the call graph")
