@@ -1,36 +1,31 @@
 #!/usr/bin/env python3
 """Two moteus in a loop, judged by a second reading of their protocol: what is told and said is what the log of the run has, nothing
-is later than `check` says at 2 kHz, and each defect is refused by name. usage: moteus_test.py ESMC SCENE"""
-import csv
+is later than `check` says at 2 kHz, and each defect is refused by name. usage: moteus_test.py ESMC"""
 import json
 import math
-import subprocess
 import sys
-import tempfile
-import unittest
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import moteus_decode  # noqa: E402
+import moteus_decode
 
-ESMC = SCENE = ""
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cli"))
+import command  # noqa: E402
+
 MODE, POSITION, SPEED, TORQUE, HOME, FAULT, COMMAND, FEEDFORWARD, MOST, WATCHDOG = 0, 1, 2, 3, 0xC, 0xF, 0x20, 0x22, 0x25, 0x27
 MOTEUS = "drives.protocol=moteus"
 TIMED = 'effects=[{type="bit_timing"}]'
 FAST = "control.rate_hz=2000"
 
 
-def esmc(command, *sets, more=()):
-    return subprocess.run([ESMC, command, SCENE, *more, *(a for s in (MOTEUS, *sets) for a in ("--set", s))], capture_output=True,
-                          text=True, timeout=120)
+def esmc(name, *sets, more=()):
+    return command.esmc(name, command.CIRCLE, *more, *command.sets(MOTEUS, *sets))
 
 
 def recorded(folder, *sets):
     run = esmc("hil", *sets, more=["--out", folder])
     assert run.returncode == 0, run.stderr
-    with open(Path(folder, "log.csv"), newline="", encoding="utf-8") as f:
-        rows = list(csv.DictReader(f))
-    return json.loads(Path(folder, "summary.json").read_text()), rows, list(moteus_decode.log(Path(folder, "frames.log")))
+    summary = json.loads((folder / "summary.json").read_text())
+    return summary, command.read_table(folder / "log.csv"), list(moteus_decode.log(folder / "frames.log"))
 
 
 def us_on_the_wire(identifier, data, data_rate):
@@ -55,10 +50,10 @@ def us_on_the_wire(identifier, data, data_rate):
     return slow + fast / data_rate + 1 + 2 + 7  # CRC delimiter, acknowledge, end of frame
 
 
-class Moteus(unittest.TestCase):
+class Moteus(command.Case):
     def test_the_decoder_reads_the_vendors_examples(self):
-        command = moteus_decode.subframes(bytes.fromhex("01000a0f200000c07f000000000000c03f022300000d250000404011001f01130d"))
-        self.assertEqual([k for k, _ in command], ["write"] * 4 + ["read"] * 3)
+        sent = moteus_decode.subframes(bytes.fromhex("01000a0f200000c07f000000000000c03f022300000d250000404011001f01130d"))
+        self.assertEqual([k for k, _ in sent], ["write"] * 4 + ["read"] * 3)
         written = moteus_decode.merged(bytes.fromhex("01000a07206000200150ff140400130d"), "write")
         for register, want in ((MODE, 10), (COMMAND, 0.0096), (COMMAND + 1, 0.072), (FEEDFORWARD, -1.76)):
             self.assertAlmostEqual(written[register], want)
@@ -68,9 +63,8 @@ class Moteus(unittest.TestCase):
 
     def test_frames_say_what_the_log_has(self):
         gear, direction, offset = (2.0, 3.0), (1, -1), (0.1, -0.2)
-        with tempfile.TemporaryDirectory() as folder:
-            summary, rows, frames = recorded(folder, "simulation.duration=0.3", "drives.nodes=[9,2]", f"drives.gear_ratio={list(gear)}",
-                                             f"drives.direction={list(direction)}", f"drives.offset={list(offset)}")
+        summary, rows, frames = recorded(self.tmp, "simulation.duration=0.3", "drives.nodes=[9,2]", f"drives.gear_ratio={list(gear)}",
+                                         f"drives.direction={list(direction)}", f"drives.offset={list(offset)}")
         self.assertEqual(summary["supervisor"]["faults"], [])
         told, said, last, checked = ([], []), ([], []), [None, None], 0
         for _, source, destination, reply, data in frames:
@@ -126,8 +120,7 @@ class Moteus(unittest.TestCase):
         self.assertLessEqual(check["bus"]["tick_frames_s"], 1 / 2000)
         bound = {m["id"]: m["response_s"] for m in check["bus"]["messages"]}
         self.assertEqual(set(bound), {0x8001, 0x8002, 0x100, 0x200})
-        with tempfile.TemporaryDirectory() as folder:
-            summary, _, frames = recorded(folder, FAST, TIMED, "simulation.duration=0.5")
+        summary, _, frames = recorded(self.tmp, FAST, TIMED, "simulation.duration=0.5")
         self.assertEqual((summary["supervisor"]["faults"], summary["bus"]["errors"], summary["bus"]["lost"]), ([], 0, 0))
         for m in summary["bus"]["messages"]:
             self.assertLessEqual(m["latency_max_s"], bound[m["id"]], hex(m["id"]))
@@ -165,16 +158,13 @@ class Moteus(unittest.TestCase):
         self.assertEqual(relative.returncode, 0, "the zero is confirmed by hand")
 
     def test_a_recorded_run_repeats(self):
-        with tempfile.TemporaryDirectory() as folder:
-            recorded(folder, "simulation.duration=0.1")
-            again = subprocess.run([ESMC, "replay", folder], capture_output=True, text=True, timeout=120)
+        recorded(self.tmp, "simulation.duration=0.1")
+        again = command.esmc("replay", self.tmp)
         self.assertEqual(again.returncode, 0, again.stdout + again.stderr)
 
     def test_what_is_refused(self):
-        def refused(words, *sets, command="hil", more=()):
-            run = esmc(command, *sets, more=more)
-            self.assertEqual((run.returncode, run.stderr.count("\n")), (2, 1), run.stderr)
-            self.assertIn(words, run.stderr)
+        def refused(words, *sets, name="hil", more=()):
+            self.refused(esmc(name, *sets, more=more), words)
         refused("'bus.data_bitrate' is for CAN FD", "drives.protocol=odrive", "bus.data_bitrate=5000000")
         refused("'bus.data_bitrate' must be at least bus.bitrate", "bus.data_bitrate=500000")
         refused("'bus.data_bitrate' must be", "bus.data_bitrate=9000000")
@@ -183,11 +173,10 @@ class Moteus(unittest.TestCase):
         refused("at most 320 can be told to a moteus", "control.torque_limit=400.0")
         refused("the drives of this scene have 0x700", "command={base_id=1792, speed=0.5, acceleration=5.0}")
         refused("slcan carries classic frames only", more=["--bus", "slcan:/dev/null,/dev/null"])
-        refused("slcan carries classic frames only", command="plant", more=["--bus", "slcan:/dev/null"])
+        refused("slcan carries classic frames only", name="plant", more=["--bus", "slcan:/dev/null"])
         refused("a moteus speaks only when it is commanded", "control.sensors=all", "sensors={nodes=[5,6]}")
         refused("servopos.position_min", "drives.confirmed=false")
 
 
 if __name__ == "__main__":
-    ESMC, SCENE = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
+    command.main()
