@@ -536,34 +536,11 @@ void nowhere(fuzz::Bytes& in) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const std::string rest(reinterpret_cast<const char*>(data) + 1, size - 1);
-  fuzz::Bytes in(data + 1, size - 1);
-  switch (data[0] % 8) {
-    case 0:
-      (void)table(rest, 1e-3);
-      break;
-    case 1:
-    case 2:
-      built_table(in);
-      break;
-    case 3:
-      line(rest);
-      break;
-    case 4:
-      frame(in);
-      break;
-    case 5:
-      summary(rest);
-      break;
-    case 6:
-      if (in.below(4) == 0) {
-        nowhere(in);
-      } else {
-        derivatives(in);
-      }
-      break;
-    default:
-      directory(in);
-      break;
-  }
+  fuzz::Bytes in(data, size);
+  const auto build = [&] { built_table(in); };
+  in.one_of(
+      8, [&] { (void)table(rest, 1e-3); }, build, build, [&] { line(rest); }, [&] { frame(in); },
+      [&] { summary(rest); }, [&] { in.below(4) == 0 ? nowhere(in) : derivatives(in); },
+      [&] { directory(in); });
   return 0;
 }
