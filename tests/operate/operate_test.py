@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """`esmc operate` against `esmc controller` and `esmc plant`: three processes on one bus, every frame heard by this program.
-usage: operate_test.py ESMC SCENE slcan | INTERFACE [BOARD] [unittest args]
+usage: operate_test.py ESMC SCENE slcan [--sample COUNT] | slcan BOARD | INTERFACE [BOARD] [unittest args]
 BOARD: the program of boards/linux, or an image (.elf) for QEMU, with SCENE in it
 Nothing depends on the clock: waits end when what they wait for has come, and reactions are counted in the controller's ticks."""
 import json
@@ -20,10 +20,12 @@ import unittest
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "link"))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in ("link", "support")]
 from buses import Interface, SlcanHub  # noqa: E402
+from sample import drawn, take_option  # noqa: E402
 from supervisor import STATES, crc8  # noqa: E402
 
+SAMPLE = take_option(sys.argv)
 ESMC, SCENE, WHERE = sys.argv.pop(1), sys.argv.pop(1), sys.argv.pop(1)
 BOARD = str(Path(sys.argv.pop(1)).resolve()) if len(sys.argv) > 1 and Path(sys.argv[1]).is_file() else None
 PATIENCE = 120  # s, of a busy machine
@@ -703,7 +705,8 @@ def cases(suite):
 
 def three_at_a_time(arguments):
     """Every case in a process and on a bus of its own: they mostly wait."""
-    names = [n.removeprefix("__main__.") for n in cases(unittest.defaultTestLoader.loadTestsFromModule(sys.modules["__main__"]))]
+    every = cases(unittest.defaultTestLoader.loadTestsFromModule(sys.modules["__main__"]))
+    names = drawn([n.removeprefix("__main__.") for n in every], SAMPLE)
     with ThreadPoolExecutor(3) as pool:
         ended = list(pool.map(lambda name: subprocess.run([sys.executable, __file__, *arguments, name], text=True, stdout=subprocess.PIPE,
                                                           stderr=subprocess.STDOUT, check=False), names))
