@@ -14,7 +14,7 @@
 #include "host_sim/json_text.hpp"
 #include "host_sim/live/session.hpp"
 #include "host_sim/record/recording.hpp"
-#include "host_sim/report/run_page.hpp"
+#include "host_sim/report/workspace.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {

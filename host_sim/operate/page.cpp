@@ -8,7 +8,7 @@
 #include "host_sim/operate/status_text.hpp"
 #include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/recorder.hpp"
-#include "host_sim/report/run_page.hpp"
+#include "host_sim/report/workspace.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {

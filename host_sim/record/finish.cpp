@@ -7,59 +7,13 @@
 #include "host_sim/error.hpp"
 #include "host_sim/record/comparison.hpp"
 #include "host_sim/record/recording.hpp"
+#include "host_sim/record/run_page.hpp"
 #include "host_sim/record/verdict.hpp"
-#include "host_sim/report/run_page.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
 
 using Json = nlohmann::ordered_json;
-
-namespace {
-#ifdef __clang__
-constexpr const char* compiler = "clang " __clang_version__;
-#else
-constexpr const char* compiler = "gcc " __VERSION__;
-#endif
-
-/// The true mechanism, in the working mode of the scene.
-PageMechanism page_mechanism(const Scene& s) {
-  PageMechanism out{s.type == MechanismType::five_bar, s.mechanism, s.working_mode, {}};
-  if (!s.closed_loop()) return out;
-  const auto joints = s.motor_joints();
-  for (std::size_t i = 0; i < joints.size() && i < s.torque_limit.size(); ++i)
-    out.motors.push_back({joints[i], s.torque_limit[i]});
-  return out;
-}
-
-RunPage page_of(const RunOptions& o, const Scene& scene, const Json& summary, const RunEnd& end,
-                const Log& log) {
-  RunPage page{.data = {{"kind", summary["run"]["command"]},
-                        {"command", o.command_line},
-                        {"version", version},
-                        {"compiler", compiler},
-                        {"scene_toml", scene.toml},
-                        {"summary", summary},
-                        {"torque_limit", scene.closed_loop() ? scene.torque_limit : std::vector<double>{}},
-                        {"assembly_mode", scene.assembly_mode}},
-               .mechanism = page_mechanism(scene),
-               .histograms = end.histograms,
-               .load = {end.load, end.load_ticks, scene.tick(), static_cast<double>(scene.bitrate)},
-               .columns = log.columns(),
-               .rows = log.thinned(),
-               .torques = log.spectra(),
-               .rate_hz = scene.rate_hz};
-  page.columns.emplace_back("chatter");
-  for (const Surface& s : end.surfaces)
-    page.data["surfaces"]["s_" + s.channel] = {{"lambda", s.lambda}, {"layer", s.layer}};
-  page.histograms.push_back({"Tick time",
-                             end.late_ticks
-                                 ? "wall clock, from one tick to the next"
-                                 : "wall clock, a tick with all its simulation and its row of the log",
-                             log.tick_time()});
-  return page;
-}
-}  // namespace
 
 void write_scene(const Scene& scene, const OutputDirectory& out) {
   out.write("scene.toml", scene.toml);
@@ -98,7 +52,7 @@ int finish_run(const RunOptions& o, const Scene& scene, const char* kind, const 
   if (out.wanted()) {
     write_scene(scene, out);
     text += fmt::format("report: {}/report.html\n", out.directory());
-    out.write("report.html", run_page(page_of(o, scene, summary, end, log)));
+    out.write("report.html", run_page(o, scene, summary, end, log));
   }
   const int status =
       publish_summary(o, summary, text + verdict_line(summary) + "\n", !end.faults.empty(), out);

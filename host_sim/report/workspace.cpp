@@ -1,8 +1,9 @@
-#include "host_sim/report/run_page.hpp"
+#include "host_sim/report/workspace.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -223,6 +224,15 @@ WorkspaceMap workspace_map(const FiveBarParams<double>& m, const std::array<int,
 WorkspaceMap workspace_map(const RrParams<double>& m, int bend, const std::vector<MotorLimit>& motors,
                            int nodes) {
   return map_of({{{m.arm, 0.0, 1.0, bend}}, m.g, 0.0}, motors, nodes);
+}
+
+nlohmann::ordered_json mechanism_json(const FiveBarParams<double>& m, bool five_bar) {
+  auto legs = nlohmann::ordered_json::array();
+  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
+    legs.push_back({{"l1", m.legs[j].l1}, {"l2", m.legs[j].l2}});
+  return {{"type", five_bar ? "five_bar" : "rr"},
+          {"half_base", five_bar ? nlohmann::ordered_json(m.l0) : nlohmann::ordered_json(nullptr)},
+          {"legs", std::move(legs)}};
 }
 
 }  // namespace esmc::host

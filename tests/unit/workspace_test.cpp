@@ -1,7 +1,7 @@
 // The map of a report against derivations of its own: elbows as intersections of circles, joint angles by
 // differences, torques by solving for them.
 
-#include "host_sim/report/run_page.hpp"
+#include "host_sim/report/workspace.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,15 @@
-#include "host_sim/report/run_page.hpp"
+#include "host_sim/record/run_page.hpp"
 
 #include <fmt/format.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <string_view>
 #include <utility>
 
 #include "host_sim/json_text.hpp"
+#include "host_sim/report/workspace.hpp"
+#include "host_sim/version.hpp"
 
 namespace esmc::host {
 
@@ -15,6 +18,12 @@ extern const std::string_view report_template;  // report.html.in, embedded by e
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+#ifdef __clang__
+constexpr const char* compiler = "clang " __clang_version__;
+#else
+constexpr const char* compiler = "gcc " __VERSION__;
+#endif
 
 /// With as many digits as a picture needs; null where it is not finite.
 Json rounded(double v, int digits) {
@@ -37,11 +46,16 @@ Json paths_json(const std::vector<WorkspaceMap::Path>& paths) {
   return out;
 }
 
-Json workspace_json(const PageMechanism& m) {
+/// Of the true mechanism, in the working mode of the scene.
+Json workspace_json(const Scene& s) {
   constexpr int nodes = 81;
-  const WorkspaceMap map =
-      m.five_bar ? workspace_map(m.params, m.working_mode, m.motors, nodes)
-                 : workspace_map({m.params.legs[0], m.params.g}, m.working_mode[0], m.motors, nodes);
+  std::vector<MotorLimit> motors;
+  const auto joints = s.motor_joints();
+  for (std::size_t i = 0; s.closed_loop() && i < joints.size() && i < s.torque_limit.size(); ++i)
+    motors.push_back({joints[i], s.torque_limit[i]});
+  const WorkspaceMap map = s.type == MechanismType::five_bar
+                               ? workspace_map(s.mechanism, s.working_mode, motors, nodes)
+                               : workspace_map(s.arm(), s.working_mode[0], motors, nodes);
   return {{"x", {map.x0, map.x1}},          {"y", {map.y0, map.y1}},
           {"columns", map.columns},         {"rows", map.rows},
           {"force", rounded(map.force, 4)}, {"type2_sine", rounded(map.type2_sine, 4)},
@@ -71,17 +85,17 @@ Json histograms_json(const std::vector<NamedHistogram>& list) {
 }
 
 /// Share of the bus time that frames took, in bins of equally many ticks.
-Json load_json(const PageLoad& l) {
-  const std::vector<double>& bins = l.bits.bins();
-  if (bins.empty() || l.bitrate <= 0) return nullptr;
+Json load_json(const RunEnd& end, double tick, int bitrate) {
+  const std::vector<double>& bins = end.load.bins();
+  if (bins.empty() || bitrate <= 0) return nullptr;
   Json values = Json::array();
-  const auto stride = static_cast<double>(l.bits.stride());
+  const auto stride = static_cast<double>(end.load.stride());
   for (std::size_t i = 0; i < bins.size(); ++i) {
-    const double ticks = i + 1 == bins.size() ? static_cast<double>(l.bits.last_ticks()) : stride;
-    values.push_back(rounded(bins[i] / (ticks * l.tick * l.bitrate), 4));
+    const double ticks = i + 1 == bins.size() ? static_cast<double>(end.load.last_ticks()) : stride;
+    values.push_back(rounded(bins[i] / (ticks * tick * bitrate), 4));
   }
-  return {{"start_s", -static_cast<double>(l.before) * l.tick},
-          {"bin_s", stride * l.tick},
+  return {{"start_s", -static_cast<double>(end.load_ticks) * tick},
+          {"bin_s", stride * tick},
           {"load", std::move(values)}};
 }
 
@@ -109,38 +123,40 @@ std::string json_for_html(const Json& data) {
   return safe;
 }
 
-/// Puts the data into the page `report.html.in`, which draws everything itself when it is opened.
-std::string render_report(const Json& data) {
-  const std::size_t at = report_template.find(data_mark);
-  std::string page(report_template.substr(0, at));
-  page += json_for_html(data);
-  page += report_template.substr(at + data_mark.size());
-  return page;
-}
-
 }  // namespace
 
-Json mechanism_json(const FiveBarParams<double>& m, bool five_bar) {
-  Json legs = Json::array();
-  for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j)
-    legs.push_back({{"l1", m.legs[j].l1}, {"l2", m.legs[j].l2}});
-  return {{"type", five_bar ? "five_bar" : "rr"},
-          {"half_base", five_bar ? Json(m.l0) : Json(nullptr)},
-          {"legs", std::move(legs)}};
-}
-
-std::string run_page(RunPage page) {
-  Json& data = page.data;
-  data["mechanism"] = mechanism_json(page.mechanism.params, page.mechanism.five_bar);
-  data["working_mode"] = page.mechanism.working_mode;
-  data["workspace"] = workspace_json(page.mechanism);
-  data["histograms"] = histograms_json(page.histograms);
-  data["bus_load"] = load_json(page.load);
-  data["columns"] = page.columns;
-  data["rows"] = rows_json(page.rows);
-  data["spectrum"] = {{"step_hz", page.rate_hz / Spectrum::segment}, {"amplitudes", Json::array()}};
-  for (const Spectrum& s : page.torques) data["spectrum"]["amplitudes"].push_back(rounded(s.amplitudes(), 4));
-  return render_report(data);
+std::string run_page(const RunOptions& o, const Scene& scene, const Json& summary, const RunEnd& end,
+                     const Log& log) {
+  std::vector<NamedHistogram> histograms = end.histograms;
+  histograms.push_back({"Tick time",
+                        end.late_ticks ? "wall clock, from one tick to the next"
+                                       : "wall clock, a tick with all its simulation and its row of the log",
+                        log.tick_time()});
+  Json data{{"kind", summary["run"]["command"]},
+            {"command", o.command_line},
+            {"version", version},
+            {"compiler", compiler},
+            {"scene_toml", scene.toml},
+            {"summary", summary},
+            {"torque_limit", scene.closed_loop() ? scene.torque_limit : std::vector<double>{}},
+            {"assembly_mode", scene.assembly_mode}};
+  for (const Surface& s : end.surfaces)
+    data["surfaces"]["s_" + s.channel] = {{"lambda", s.lambda}, {"layer", s.layer}};
+  data["mechanism"] = mechanism_json(scene.mechanism, scene.type == MechanismType::five_bar);
+  data["working_mode"] = scene.working_mode;
+  data["workspace"] = workspace_json(scene);
+  data["histograms"] = histograms_json(histograms);
+  data["bus_load"] = load_json(end, scene.tick(), scene.bitrate);
+  data["columns"] = log.columns();
+  data["columns"].push_back("chatter");
+  data["rows"] = rows_json(log.thinned());
+  data["spectrum"] = {{"step_hz", scene.rate_hz / Spectrum::segment}, {"amplitudes", Json::array()}};
+  for (const Spectrum& s : log.spectra())
+    data["spectrum"]["amplitudes"].push_back(rounded(s.amplitudes(), 4));
+  // report.html.in draws everything itself when it is opened.
+  const std::size_t at = report_template.find(data_mark);
+  return fmt::format("{}{}{}", report_template.substr(0, at), json_for_html(data),
+                     report_template.substr(at + data_mark.size()));
 }
 
 }  // namespace esmc::host
