@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "host_sim/bus/host_bus.hpp"
 #include "host_sim/error.hpp"
@@ -117,7 +118,7 @@ int run_live(const LiveOptions& o) {
 
   Runner runner(*session, *exchange, api.loop());
   {
-    const ServingThread serving(*server);
+    const std::jthread serving([&](const std::stop_token& stop) { server->run(stop); });
     runner.run(o.duration);
   }
   if (mcap) {

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "host_sim/operate/console.hpp"
 #include "host_sim/operate/page_api.hpp"
@@ -203,7 +204,7 @@ int run_page(Connection& link, Console& console, const Scene& scene, int port) {
   fmt::print("http://127.0.0.1:{}/?token={}\n", server->port(), options.token);
   std::fflush(stdout);
   {
-    const ServingThread serving(*server);
+    const std::jthread serving([&](const std::stop_token& stop) { server->run(stop); });
     PageLoop(link, console, scene, api).run();
   }
   const ServerCounts& served = server->counts();

@@ -57,10 +57,10 @@ class LwsServer final : public Server {
 
   [[nodiscard]] int port() const override { return port_; }
   [[nodiscard]] ServerCounts counts() const override { return counts_; }
-  void run(const std::atomic<bool>& stop) override {
+  void run(const std::stop_token& stop) override {
     timer_.server = this;
     lws_sul_schedule(context_, 0, &timer_.entry, &LwsServer::on_timer, period_us);
-    while (!stop && lws_service(context_, 0) >= 0) {
+    while (!stop.stop_requested() && lws_service(context_, 0) >= 0) {
     }
     lws_sul_cancel(&timer_.entry);
   }

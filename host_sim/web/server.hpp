@@ -2,14 +2,13 @@
 /// HTTP and WebSocket on the loopback interface, in the calling thread, by libwebsockets. It checks tokens
 /// and origins; the service interprets the messages.
 
-#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <map>
 #include <memory>
+#include <stop_token>
 #include <string>
 #include <string_view>
-#include <thread>
 #include <utility>
 
 namespace esmc::host {
@@ -112,7 +111,7 @@ class Server {
   Server& operator=(const Server&) = delete;
   [[nodiscard]] virtual int port() const = 0;  ///< it listens to
   /// Serves until `stop`, which is read about 50 times a second.
-  virtual void run(const std::atomic<bool>& stop) = 0;
+  virtual void run(const std::stop_token& stop) = 0;
   [[nodiscard]] virtual ServerCounts counts() const = 0;
 
  protected:
@@ -122,22 +121,5 @@ class Server {
 /// Opens a server on 127.0.0.1 that listens. Throws InputError where the port is taken, or where this program
 /// was built without a web server. The service must outlive the server.
 std::unique_ptr<Server> open_server(const ServerOptions& options, Service& service);
-
-/// A server in a thread of its own, until stop() or the end of this object.
-class ServingThread {
- public:
-  explicit ServingThread(Server& server) : thread_([this, &server] { server.run(over_); }) {}
-  ~ServingThread() { stop(); }
-  ServingThread(const ServingThread&) = delete;
-  ServingThread& operator=(const ServingThread&) = delete;
-  void stop() {
-    over_ = true;
-    if (thread_.joinable()) thread_.join();
-  }
-
- private:
-  std::atomic<bool> over_{false};
-  std::thread thread_;
-};
 
 }  // namespace esmc::host
