@@ -85,6 +85,8 @@ class Page final : public Client {
   ~Page() override {
     if (held_) (void)api_.exchange_.orders.push(Hand{.most = hand_.most});  // releases the pull
   }
+  Page(const Page&) = delete;
+  Page& operator=(const Page&) = delete;
   [[nodiscard]] std::string next() override {
     const auto& kept = api_.samples_;
     const bool scene = scene_ != api_.scene_number_, event = event_ < api_.events_.end();

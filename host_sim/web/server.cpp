@@ -54,6 +54,8 @@ class LwsServer final : public Server {
     }
   }
   ~LwsServer() override { lws_context_destroy(context_); }
+  LwsServer(const LwsServer&) = delete;
+  LwsServer& operator=(const LwsServer&) = delete;
 
   [[nodiscard]] int port() const override { return port_; }
   [[nodiscard]] ServerCounts counts() const override { return counts_; }

@@ -38,23 +38,16 @@ struct Served {
 class Client {
  public:
   virtual ~Client() = default;
-  Client(const Client&) = delete;
-  Client& operator=(const Client&) = delete;
   /// The next message to the page; empty: none now. Called when the last one has been sent, so that a slow
   /// page gets fewer.
   [[nodiscard]] virtual std::string next() = 0;
   virtual void on_message(std::string_view message) = 0;  ///< of at most Server::message_max bytes
-
- protected:
-  Client() = default;
 };
 
 /// Answers the clients of a server, in its thread.
 class Service {
  public:
   virtual ~Service() = default;
-  Service(const Service&) = delete;
-  Service& operator=(const Service&) = delete;
   [[nodiscard]] virtual std::unique_ptr<Client> on_connect() = 0;  ///< for a page that has connected
   /// Called about 50 times a second.
   virtual void on_timer() = 0;
@@ -63,9 +56,6 @@ class Service {
     (void)path;
     return nullptr;
   }
-
- protected:
-  Service() = default;
 };
 
 /// A message that no page of ours sends.
@@ -107,15 +97,10 @@ class Server {
   static constexpr int connections_max = 64;
 
   virtual ~Server() = default;
-  Server(const Server&) = delete;
-  Server& operator=(const Server&) = delete;
   [[nodiscard]] virtual int port() const = 0;  ///< it listens to
   /// Serves until `stop`, which is read about 50 times a second.
   virtual void run(const std::stop_token& stop) = 0;
   [[nodiscard]] virtual ServerCounts counts() const = 0;
-
- protected:
-  Server() = default;
 };
 
 /// Opens a server on 127.0.0.1 that listens. Throws InputError where the port is taken, or where this program
