@@ -13,13 +13,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string_view cell(std::string_view& rest) {
-  const std::size_t comma = rest.find(',');
-  const std::string_view out = rest.substr(0, comma);
-  rest = comma == std::string_view::npos ? std::string_view() : rest.substr(comma + 1);
-  return out;
-}
-
 /// Appends the values in which two documents differ.
 void compare(const Json& recorded, const Json& computed, const std::string& path,
              const std::vector<std::string>& ignored, std::vector<Difference>& out) {
@@ -48,21 +41,11 @@ LineComparison::LineComparison(const std::string& directory, std::string name,
 }
 
 void LineComparison::take(std::string_view text) {
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t newline = text.find('\n', at);
-    if (newline == std::string_view::npos) {
-      pending_ += text.substr(at);
-      return;
-    }
-    if (pending_.empty()) {
-      line(text.substr(at, newline - at));
-    } else {
-      pending_ += text.substr(at, newline - at);
-      line(pending_);
-      pending_.clear();
-    }
-    at = newline + 1;
-  }
+  pending_ += text;
+  std::size_t at = 0;
+  for (std::size_t end = 0; (end = pending_.find('\n', at)) != std::string::npos; at = end + 1)
+    line(std::string_view(pending_).substr(at, end - at));
+  pending_.erase(0, at);
 }
 
 void LineComparison::line(std::string_view computed) {
@@ -89,16 +72,17 @@ void LineComparison::end() {
 
 std::optional<Difference> LineComparison::row_difference(std::string_view recorded,
                                                          std::string_view computed) const {
-  Difference d{name_, lines_, std::nullopt, "", "", ""};
-  if (lines_ > 1) d.tick = lines_ - 2;
-  std::string_view a = recorded, b = computed, columns = header_;
-  while (!a.empty() || !b.empty() || !columns.empty()) {
-    const std::string_view column = cell(columns), was = cell(a), is = cell(b);
-    if (was == is || std::find(ignored_.begin(), ignored_.end(), column) != ignored_.end()) continue;
-    d.what = lines_ == 1 ? "header" : column;
-    d.recorded = was;
-    d.computed = is;
-    return d;
+  const auto columns = fields_of(header_), a = fields_of(recorded), b = fields_of(computed);
+  const auto cell = [](const auto& of, std::size_t i) { return i < of.size() ? of[i] : std::string_view(); };
+  for (std::size_t i = 0; i < std::max({columns.size(), a.size(), b.size()}); ++i) {
+    const std::string_view column = cell(columns, i), was = cell(a, i), is = cell(b, i);
+    if (was == is || std::ranges::find(ignored_, column) != ignored_.end()) continue;
+    return Difference{name_,
+                      lines_,
+                      lines_ > 1 ? std::optional(lines_ - 2) : std::nullopt,
+                      std::string(lines_ == 1 ? "header" : column),
+                      std::string(was),
+                      std::string(is)};
   }
   return std::nullopt;
 }
@@ -155,11 +139,8 @@ std::vector<Difference> Comparison::differences() {
     if (complete_) lines->end();
     if (lines->difference()) out.push_back(*lines->difference());
   }
-  const auto frames_first = [](const Difference& d) { return d.file != "frames.log"; };
   out.insert(out.end(), others_.begin(), others_.end());
-  std::stable_sort(out.begin(), out.end(), [&](const Difference& a, const Difference& b) {
-    return frames_first(a) < frames_first(b);
-  });
+  std::stable_partition(out.begin(), out.end(), [](const Difference& d) { return d.file == "frames.log"; });
   return out;
 }
 
