@@ -49,11 +49,9 @@ Flat keys_of(const std::string& file) {
 
 Json read_summary(const std::string& directory) {
   const std::string file = directory + "/summary.json";
-  require_regular_file(file);
-  std::ifstream in(file, std::ios::binary);
-  Json j = parse_json(std::string(std::istreambuf_iterator<char>(in), {}), false);
+  Json j = parse_json(bytes_of(file), false);
   if (!j.is_object() || !j.contains("torque") || !j.contains("ticks"))
-    throw InputError("", file + ": not the summary of a run");
+    refuse("{}: not the summary of a run", file);
   return j;
 }
 
@@ -92,10 +90,9 @@ struct Run {
       else if (row.size() == columns.size())
         rows.push_back(std::move(row));
       else
-        throw InputError("", fmt::format("{}:{}: {} fields, and the header has {}", file, rows.size() + 2,
-                                         row.size(), columns.size()));
+        refuse("{}:{}: {} fields, and the header has {}", file, rows.size() + 2, row.size(), columns.size());
     }
-    if (columns.empty()) throw InputError("", file + ": empty");
+    if (columns.empty()) refuse("{}: empty", file);
   }
   [[nodiscard]] std::size_t column(const std::string& name) const {
     return static_cast<std::size_t>(std::ranges::find(columns, name) - columns.begin());

@@ -10,17 +10,16 @@ namespace esmc::host {
 RecordedRun open_run(const std::string& log, const std::string& scene) {
   namespace fs = std::filesystem;
   std::error_code ignored;
-  if (log.find('\0') != std::string::npos) throw InputError("", "the log must be a file name, without NUL");
+  if (log.find('\0') != std::string::npos) refuse("the log must be a file name, without NUL");
   if (fs::is_directory(log, ignored)) require_csv(log);
-  if (log.ends_with(".npy")) throw InputError("", log + ": log.csv is needed: run it with --log csv");
+  if (log.ends_with(".npy")) refuse("{}: log.csv is needed: run it with --log csv", log);
   RecordedRun out;
   out.log = fs::is_directory(log, ignored) ? (fs::path(log) / "log.csv").string() : log;
-  if (!fs::exists(out.log, ignored)) throw InputError("", out.log + ": there is no such log");
+  if (!fs::exists(out.log, ignored)) refuse("{}: there is no such log", out.log);
   out.scene_file = scene.empty() ? (fs::path(out.log).parent_path() / "scene.toml").string() : scene;
   if (scene.empty() && !fs::exists(out.scene_file, ignored))
-    throw InputError(
-        "",
-        out.scene_file + ": there is no scene beside the log: --scene FILE says which mechanism it is of");
+    refuse("{}: there is no scene beside the log: --scene FILE says which mechanism it is of",
+           out.scene_file);
   out.scene = read_scene(out.scene_file, {});
   return out;
 }

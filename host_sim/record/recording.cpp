@@ -24,25 +24,23 @@ bool number(std::string_view text, T& out, int base = 10) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
-std::ifstream opened(const std::string& path) {
+/// Number of lines. Throws InputError for an incomplete one and, with `interface`, which becomes that of the
+/// first frame, for one not of candump -L.
+std::uint64_t count_lines(const Recording& r, const char* name, std::string* interface = nullptr) {
+  const std::string path = r.file(name);
   require_regular_file(path);
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError("", path + ": cannot be read");
-  return in;
-}
-
-/// Number of lines. Throws InputError for an incomplete one and, with `frames`, for one not of candump -L.
-std::uint64_t count_lines(const Recording& r, const char* name, bool frames) {
-  const std::string path = r.file(name);
-  std::ifstream in = opened(path);
-  std::string line;
+  if (!in) refuse("{}: cannot be read", path);
   std::uint64_t n = 0;
-  while (std::getline(in, line)) {
+  for (std::string line; std::getline(in, line);) {
     ++n;
-    if (in.eof()) throw InputError(fmt::format("{}:{}", path, n), "the file ends within a line: it is torn");
-    if (frames && !parse_candump(line))
-      throw InputError(fmt::format("{}:{}", path, n),
-                       "is no line of candump -L, as (0000000001.001135) vcan0 022#00000000");
+    if (in.eof()) refuse_at(fmt::format("{}:{}", path, n), "the file ends within a line: it is torn");
+    if (interface == nullptr) continue;
+    const auto frame = parse_candump(line);
+    if (!frame)
+      refuse_at(fmt::format("{}:{}", path, n),
+                "is no line of candump -L, as (0000000001.001135) vcan0 022#00000000");
+    if (n == 1) *interface = frame->interface;
   }
   return n;
 }
@@ -83,10 +81,10 @@ T at(const Recording& r, const char* pointer) {
     if (!std::is_same_v<T, std::uint64_t> || value.is_number_unsigned()) return value.get<T>();
   } catch (const nlohmann::json::exception&) {
   }
-  throw InputError(r.file("summary.json"),
-                   std::string(pointer) +
-                       " is missing or of another kind: allowed is what sim, hil, plant and "
-                       "controller leave with --out");
+  refuse_at(
+      r.file("summary.json"),
+      "{} is missing or of another kind: allowed is what sim, hil, plant and controller leave with --out",
+      pointer);
 }
 
 std::uint64_t with_companion(std::uint64_t hash, const std::string& name, const std::string& text) {
@@ -100,16 +98,16 @@ Recording read_summary(const std::string& directory, bool any_version) {
   try {
     r.summary = parse_json(bytes_of(r.file("summary.json")), true);
   } catch (const nlohmann::json::exception& e) {
-    throw InputError(r.file("summary.json"), std::string("no JSON document: ") + e.what());
+    refuse_at(r.file("summary.json"), "no JSON document: {}", e.what());
   }
   r.command = at<std::string>(r, "/run/command");
   if (r.command != "sim" && r.command != "hil" && r.command != "plant" && r.command != "controller")
-    throw InputError(r.file("summary.json"), "/run/command is '" + printable(r.command) +
-                                                 "', allowed are sim, hil, plant, controller");
+    refuse_at(r.file("summary.json"), "/run/command is '{}', allowed are sim, hil, plant, controller",
+              printable(r.command));
   const auto by = at<std::string>(r, "/run/version");
   if (by != version && !any_version)
-    throw InputError(r.file("summary.json"), "recorded by esmc " + printable(by) + ", this is " + version +
-                                                 ": take that one, or --any-version");
+    refuse_at(r.file("summary.json"), "recorded by esmc {}, this is {}: take that one, or --any-version",
+              printable(by), version);
   r.realtime = at<bool>(r, "/run/realtime");
   r.single_precision = at<std::string>(r, "/run/scalar") == "float";
   r.seed = at<std::uint64_t>(r, "/seed");
@@ -127,32 +125,26 @@ void require_same_digest(const Recording& r) {
   }
   const std::string was = at<std::string>(r, "/run/scene_digest"), is = digest_text(hash);
   if (was != is)
-    throw InputError(r.file("scene.toml"), "is not the scene that was run: its digest is " + is +
-                                               ", summary.json says " + printable(was));
+    refuse_at(r.file("scene.toml"), "is not the scene that was run: its digest is {}, summary.json says {}",
+              is, printable(was));
 }
 
 /// Checks frames.log and, of one end, frames.csv. Returns the interface.
 std::string read_frames(const Recording& r) {
-  const std::uint64_t lines = count_lines(r, "frames.log", true);
+  std::string interface;
+  const std::uint64_t lines = count_lines(r, "frames.log", &interface);
   const auto frames = at<std::uint64_t>(r, "/bus/frames");
-  if (lines == 0) throw InputError(r.file("frames.log"), "has no frames");
+  if (lines == 0) refuse_at(r.file("frames.log"), "has no frames");
   if (lines < frames)
-    throw InputError(
-        r.file("frames.log"),
-        fmt::format("has {} lines, {} frames were counted: torn or of another run", lines, frames));
-  std::ifstream in(r.file("frames.log"), std::ios::binary);
-  std::string line;
-  std::getline(in, line);
-  std::string interface = parse_candump(line)->interface;
+    refuse_at(r.file("frames.log"), "has {} lines, {} frames were counted: torn or of another run", lines,
+              frames);
   if (!r.one_end()) return interface;
-  const std::uint64_t passages = count_lines(r, "frames.csv", false);
+  const std::uint64_t passages = count_lines(r, "frames.csv");
   if (passages != lines + 1)
-    throw InputError(r.file("frames.csv"),
-                     fmt::format("has {} lines, {} frames and a header are {}: torn or of another run",
-                                 passages, lines, lines + 1));
+    refuse_at(r.file("frames.csv"), "has {} lines, {} frames and a header are {}: torn or of another run",
+              passages, lines, lines + 1);
   if (at<std::uint64_t>(r, "/bus/lost") > 0)
-    throw InputError(r.file("summary.json"),
-                     "/bus/lost is not 0: which frames could not be sent then is not known");
+    refuse_at(r.file("summary.json"), "/bus/lost is not 0: which frames could not be sent then is not known");
   return interface;
 }
 
@@ -184,8 +176,7 @@ void require_csv(const std::string& directory) {
   if (std::filesystem::exists(directory + "/log.csv", error) ||
       !std::filesystem::exists(directory + "/log.npy", error))
     return;
-  throw InputError(
-      "", directory + ": has log.npy, of a run with --log npy; log.csv is needed: run it with --log csv");
+  refuse("{}: has log.npy, of a run with --log npy; log.csv is needed: run it with --log csv", directory);
 }
 
 std::string scene_digest(const Scene& scene) {
@@ -197,25 +188,21 @@ std::string scene_digest(const Scene& scene) {
 Recording read_recording(const std::string& directory, bool any_version) {
   std::error_code error;
   if (!std::filesystem::is_directory(directory, error))
-    throw InputError(
-        "", directory + ": no such directory; allowed is what sim, hil, plant or controller left with --out");
+    refuse("{}: no such directory; allowed is what sim, hil, plant or controller left with --out", directory);
   require_csv(directory);
   Recording r = read_summary(directory, any_version);
   if (r.summary["run"].contains("log"))
-    throw InputError(
-        r.file("log.csv"),
-        "has not every tick: it was recorded with --log-every, and a replay needs --log-every 1");
+    refuse_at(r.file("log.csv"),
+              "has not every tick: it was recorded with --log-every, and a replay needs --log-every 1");
   require_same_digest(r);
-  const std::uint64_t rows = count_lines(r, "log.csv", false);
-  if (rows == 0 ||
-      rows - 1 != r.ticks)  // not rows != ticks + 1: a number that is not of a run may be 2^64 - 1
-    throw InputError(
-        r.file("log.csv"),
-        fmt::format(
-            "has {} lines, and should have a header and one for each of {} ticks: torn or of another run",
-            rows, r.ticks));
+  const std::uint64_t rows = count_lines(r, "log.csv");
+  // Not rows != ticks + 1: a number that is not of a run may be 2^64 - 1.
+  if (rows == 0 || rows - 1 != r.ticks)
+    refuse_at(r.file("log.csv"),
+              "has {} lines, and should have a header and one for each of {} ticks: torn or of another run",
+              rows, r.ticks);
   if (r.interrupted && r.ticks == 0)
-    throw InputError("", directory + ": was interrupted before t = 0, there is nothing to run again");
+    refuse("{}: was interrupted before t = 0, there is nothing to run again", directory);
   if (r.command != "sim") r.interface = read_frames(r);
   return r;
 }
@@ -230,7 +217,7 @@ RecordedBus::Source passed_frames(const Recording& r) {
                                              std::ifstream(r.file("frames.csv"), std::ios::binary),
                                              r.file("frames.csv"), "", "", 0});
   if (!std::getline(files->passage, files->row) || files->row != "look,sent,age_us")
-    throw InputError(files->path + ":1", "the header is look,sent,age_us");
+    refuse_at(files->path + ":1", "the header is look,sent,age_us");
   return [files]() -> std::optional<PassedFrame> {
     if (!std::getline(files->frames, files->frame) || !std::getline(files->passage, files->row))
       return std::nullopt;
@@ -242,8 +229,8 @@ RecordedBus::Source passed_frames(const Recording& r) {
     const bool good = line && field.size() == 3 && number(field[0], p.look) && number(field[1], sent) &&
                       sent < 2 && number(field[2], p.age_us) && (sent == 0 || p.age_us == 0);
     if (!good)
-      throw InputError(fmt::format("{}:{}", files->path, files->n + 1),
-                       "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
+      refuse_at(fmt::format("{}:{}", files->path, files->n + 1),
+                "allowed is LOOK,0,AGE for a frame that was received, LOOK,1,0 for one that was sent");
     p.time_us = line->time_us;
     p.sent = sent == 1;
     p.frame = line->frame;

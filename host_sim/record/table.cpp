@@ -27,19 +27,18 @@ void require_regular_file(const std::string& file) {
   std::error_code error;
   if (std::filesystem::is_regular_file(file, error)) return;
   const bool there = std::filesystem::exists(file, error);
-  throw InputError("", file + (there ? ": is not a regular file" : ": there is no such file"));
+  refuse("{}: {}", file, there ? "is not a regular file" : "there is no such file");
 }
 
 std::string bytes_of(const std::string& file) {
   constexpr std::uintmax_t bytes_max = std::uintmax_t{4} << 30U;
   require_regular_file(file);
   std::error_code error;
-  if (std::filesystem::file_size(file, error) > bytes_max || error)
-    throw InputError("", file + ": is larger than 4 GiB");
+  if (std::filesystem::file_size(file, error) > bytes_max || error) refuse("{}: is larger than 4 GiB", file);
   std::ifstream in(file, std::ios::binary);
   std::ostringstream text;
   if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
-  if (!in.is_open() || in.bad()) throw InputError("", file + ": cannot be read");
+  if (!in.is_open() || in.bad()) refuse("{}: cannot be read", file);
   return std::move(text).str();
 }
 
@@ -50,14 +49,14 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
   RecordedTable out;
   out.file = file;
   std::size_t number = 0;
+  const auto where = [&] { return file + ":" + std::to_string(number); };
   const auto line = [&] {
     ++number;
     const std::size_t end = rest.find('\n');
-    if (end == std::string_view::npos) {
-      throw InputError(file + ":" + std::to_string(number),
-                       rest.empty() ? "is empty: a header and rows are needed"
-                                    : "the last line has no end: the file was torn off");
-    }
+    if (end == std::string_view::npos)
+      refuse_at(where(), "{}",
+                rest.empty() ? "is empty: a header and rows are needed"
+                             : "the last line has no end: the file was torn off");
     std::string_view text = rest.substr(0, end);
     rest.remove_prefix(end + 1);
     if (text.ends_with('\r')) text.remove_suffix(1);
@@ -67,9 +66,9 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
   std::vector<std::size_t> wanted;
   for (const std::string& name : names) {
     const auto at = std::find(out.header.begin(), out.header.end(), name);
-    if (at == out.header.end()) throw InputError(file + ":1", "there is no column " + name + hint);
+    if (at == out.header.end()) refuse_at(where(), "there is no column {}{}", name, hint);
     if (std::count(out.header.begin(), out.header.end(), name) > 1)
-      throw InputError(file + ":1", "there are two columns " + name);
+      refuse_at(where(), "there are two columns {}", name);
     wanted.push_back(static_cast<std::size_t>(at - out.header.begin()));
   }
   const auto word_at =
@@ -77,11 +76,8 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
   out.columns.resize(names.size());
   while (!rest.empty()) {
     const auto fields = fields_of(line());
-    const auto where = [&] { return file + ":" + std::to_string(number); };
-    if (fields.size() != out.header.size()) {
-      throw InputError(where(), std::to_string(fields.size()) + " fields where the header has " +
-                                    std::to_string(out.header.size()));
-    }
+    if (fields.size() != out.header.size())
+      refuse_at(where(), "{} fields where the header has {}", fields.size(), out.header.size());
     if (word_at != out.header.end())
       out.words.emplace_back(fields[static_cast<std::size_t>(word_at - out.header.begin())]);
     for (std::size_t i = 0; i < wanted.size(); ++i) {
@@ -89,8 +85,7 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
       double v = 0.0;
       const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
       if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v))
-        throw InputError(where(),
-                         names[i] + " must be a finite number, not '" + std::string(f.substr(0, 40)) + "'");
+        refuse_at(where(), "{} must be a finite number, not '{}'", names[i], f.substr(0, 40));
       out.columns[i].push_back(v);
     }
   }
@@ -100,7 +95,7 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
 void require_ascending(const RecordedTable& table, std::size_t column) {
   const std::vector<double>& t = table.columns[column];
   for (std::size_t i = 1; i < t.size(); ++i) {
-    if (!(t[i] > t[i - 1])) throw InputError(table.where(i), "the time must ascend from row to row");
+    if (!(t[i] > t[i - 1])) refuse_at(table.where(i), "the time must ascend from row to row");
   }
 }
 
@@ -110,12 +105,11 @@ void require_even(const RecordedTable& table, std::size_t column, const std::str
   const double mean = (t.back() - t.front()) / static_cast<double>(t.size() - 1);
   for (std::size_t i = 1; i < t.size(); ++i) {
     if (std::isfinite(mean) && std::abs(t[i] - t[i - 1] - mean) <= 0.4 * mean) continue;  // t may be rounded
-    throw InputError(
+    refuse_at(
         table.where(i),
-        fmt::format(
-            "t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
-            "equal distances{}",
-            t[i], t[i] - t[i - 1], mean, hint));
+        "t = {:.10g} s is {:.3g} s after the row before, and rows are {:.3g} s apart: they must stand at "
+        "equal distances{}",
+        t[i], t[i] - t[i - 1], mean, hint);
   }
 }
 
@@ -123,12 +117,10 @@ void require_every_tick(const RecordedTable& table, std::size_t column, double t
   const std::vector<double>& t = table.columns[column];
   for (std::size_t i = 0; i < t.size(); ++i) {
     if (std::abs(t[i] - t[0] - static_cast<double>(i) * tick) <= 0.01 * tick) continue;
-    throw InputError(
-        table.where(i),
-        fmt::format(
-            "t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
-            "scene's control.rate_hz",
-            t[i], i, tick));
+    refuse_at(table.where(i),
+              "t = {:.10g} s is not {} ticks of {:g} s after the first row: every tick is needed, at the "
+              "scene's control.rate_hz",
+              t[i], i, tick);
   }
 }
 
