@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <concepts>
 
 #include "firmware/link/crc.hpp"
 #include "host_sim/error.hpp"
@@ -26,18 +27,28 @@ enum class Op : std::uint8_t {
   data_end = 15,
 };
 
-template <class T>
-void put(std::string& to, T value) {
+template <std::unsigned_integral T>
+void append(std::string& to, T value) {
   for (std::size_t i = 0; i < sizeof(T); ++i)
     to += static_cast<char>(static_cast<std::uint64_t>(value) >> (8U * i));
 }
-void put_text(std::string& to, std::string_view text) {
-  put(to, static_cast<std::uint32_t>(text.size()));
+void append(std::string& to, std::string_view text) {
+  append(to, static_cast<std::uint32_t>(text.size()));
   to += text;
 }
+/// Appends numbers, little-endian, and texts after their lengths.
+template <class... Fields>
+void put(std::string& to, const Fields&... fields) {
+  (append(to, fields), ...);
+}
+template <class... Fields>
+std::string packed(const Fields&... fields) {
+  std::string out;
+  put(out, fields...);
+  return out;
+}
 std::string record(Op op, std::string_view content) {
-  std::string out(1, static_cast<char>(op));
-  put(out, std::uint64_t{content.size()});
+  std::string out = packed(static_cast<std::uint8_t>(op), std::uint64_t{content.size()});
   return out.append(content);
 }
 
@@ -58,11 +69,8 @@ void McapWriter::Span::add(std::uint64_t t) {
 }
 
 McapWriter::McapWriter(std::FILE* file) : file_(file) {
-  std::string content;
-  put_text(content, "");  // profile
-  put_text(content, "esmc");
   write(magic);
-  write(record(Op::header, content));
+  write(record(Op::header, packed("", "esmc")));  // profile, program
 }
 
 void McapWriter::write(std::string_view bytes) {
@@ -73,18 +81,13 @@ void McapWriter::write(std::string_view bytes) {
 
 std::uint16_t McapWriter::channel(const std::string& topic, const std::string& schema_name,
                                   const std::string& schema) {
-  const auto id = static_cast<std::uint16_t>(channels_.size());
-  std::string s, c;
-  put(s, static_cast<std::uint16_t>(id + 1));  // 0: no schema
-  put_text(s, schema_name);
-  put_text(s, "jsonschema");
-  put_text(s, schema);
-  put(c, id);
-  put(c, static_cast<std::uint16_t>(id + 1));
-  put_text(c, topic);
-  put_text(c, "json");
-  put(c, std::uint32_t{0});  // metadata
-  channels_.push_back({record(Op::schema, s), record(Op::channel, c), 0, {}});
+  const auto id = static_cast<std::uint16_t>(channels_.size()),
+             schema_id = static_cast<std::uint16_t>(id + 1);  // 0: no schema
+  constexpr std::uint32_t metadata = 0;
+  channels_.push_back({record(Op::schema, packed(schema_id, schema_name, "jsonschema", schema)),
+                       record(Op::channel, packed(id, schema_id, topic, "json", metadata)),
+                       0,
+                       {}});
   chunk_ += channels_.back().schema + channels_.back().record;
   return id;
 }
@@ -93,11 +96,7 @@ void McapWriter::message(std::uint16_t channel, std::uint64_t time_ns, std::stri
   Channel& to = channels_[channel];
   to.index.emplace_back(time_ns, chunk_.size());
   chunk_ += static_cast<char>(Op::message);
-  put(chunk_, std::uint64_t{2 + 4 + 8 + 8 + json.size()});
-  put(chunk_, channel);
-  put(chunk_, to.messages++);
-  put(chunk_, time_ns);
-  put(chunk_, time_ns);
+  put(chunk_, std::uint64_t{2 + 4 + 8 + 8 + json.size()}, channel, to.messages++, time_ns, time_ns);
   chunk_ += json;
   chunk_time_.add(time_ns);
   time_.add(time_ns);
@@ -108,73 +107,45 @@ void McapWriter::end_chunk() {
   if (chunk_.empty()) return;
   Crc32 crc;
   crc.add(chunk_);
-  std::string content;
-  put(content, chunk_time_.begin());
-  put(content, chunk_time_.last);
-  put(content, std::uint64_t{chunk_.size()});
-  put(content, crc.value());
-  put_text(content, "");  // no compression
-  put(content, std::uint64_t{chunk_.size()});
-  content += chunk_;
-  const std::uint64_t begin = at_;
-  write(record(Op::chunk, content));
+  const std::uint64_t begin = at_, size = chunk_.size();
+  constexpr const char* compression = "";
+  write(record(Op::chunk,
+               packed(chunk_time_.begin(), chunk_time_.last, size, crc.value(), compression, size) + chunk_));
   const std::uint64_t end = at_;
   std::string offsets;
   for (std::size_t i = 0; i < channels_.size(); ++i) {
     auto& index = channels_[i].index;
     if (index.empty()) continue;
-    put(offsets, static_cast<std::uint16_t>(i));
-    put(offsets, at_);
-    std::string entry;
-    put(entry, static_cast<std::uint16_t>(i));
-    put(entry, static_cast<std::uint32_t>(16 * index.size()));
-    for (const auto& [time, offset] : index) {
-      put(entry, time);
-      put(entry, offset);
-    }
+    const auto id = static_cast<std::uint16_t>(i);
+    put(offsets, id, at_);
+    std::string entries;
+    for (const auto& [time, offset] : index) put(entries, time, offset);
     index.clear();
-    write(record(Op::message_index, entry));
+    write(record(Op::message_index, packed(id, entries)));
   }
-  std::string c;
-  put(c, chunk_time_.begin());
-  put(c, chunk_time_.last);
-  put(c, begin);
-  put(c, end - begin);
-  put_text(c, offsets);
-  put(c, at_ - end);
-  put_text(c, "");
-  put(c, std::uint64_t{chunk_.size()});
-  put(c, std::uint64_t{chunk_.size()});
-  chunk_indexes_ += record(Op::chunk_index, c);
+  chunk_indexes_ += record(Op::chunk_index, packed(chunk_time_.begin(), chunk_time_.last, begin, end - begin,
+                                                   offsets, at_ - end, compression, size, size));
   chunk_.clear();
   chunk_time_ = {};
   ++chunks_;
 }
 
 std::string McapWriter::statistics() const {
-  std::string counts, out;
+  std::string counts;
   std::uint64_t messages = 0;
   for (std::size_t i = 0; i < channels_.size(); ++i) {
-    put(counts, static_cast<std::uint16_t>(i));
-    put(counts, std::uint64_t{channels_[i].messages});
+    put(counts, static_cast<std::uint16_t>(i), std::uint64_t{channels_[i].messages});
     messages += channels_[i].messages;
   }
-  put(out, messages);
-  put(out, static_cast<std::uint16_t>(channels_.size()));
-  put(out, static_cast<std::uint32_t>(channels_.size()));
-  put(out, std::uint64_t{0});  // attachments, metadata
-  put(out, chunks_);
-  put(out, time_.begin());
-  put(out, time_.last);
-  put_text(out, counts);
-  return record(Op::statistics, out);
+  const auto channels = static_cast<std::uint32_t>(channels_.size());
+  constexpr std::uint32_t attachments = 0, metadata = 0;
+  return record(Op::statistics, packed(messages, static_cast<std::uint16_t>(channels), channels, attachments,
+                                       metadata, chunks_, time_.begin(), time_.last, counts));
 }
 
 void McapWriter::close() {
   end_chunk();
-  std::string end;
-  put(end, data_crc_.value());
-  write(record(Op::data_end, end));
+  write(record(Op::data_end, packed(data_crc_.value())));
   const std::uint64_t summary = at_;
   std::string schemas, channels, text, groups;
   for (const Channel& c : channels_) {
@@ -186,20 +157,14 @@ void McapWriter::close() {
   for (const auto& [op, part] :
        {Group{Op::schema, &schemas}, Group{Op::channel, &channels}, Group{Op::statistics, &statistics},
         Group{Op::chunk_index, &chunk_indexes_}}) {
-    std::string group(1, static_cast<char>(op));
-    put(group, summary + text.size());
-    put(group, std::uint64_t{part->size()});
-    if (!part->empty()) groups += record(Op::summary_offset, group);
+    const std::uint64_t begin = summary + text.size(), size = part->size();
+    if (size > 0) groups += record(Op::summary_offset, packed(static_cast<std::uint8_t>(op), begin, size));
     text += *part;
   }
   const std::uint64_t offsets = summary + text.size();
   text += groups;
   // The checksum covers the footer up to itself.
-  std::string footer(1, static_cast<char>(Op::footer));
-  put(footer, std::uint64_t{8 + 8 + 4});
-  put(footer, summary);
-  put(footer, offsets);
-  text += footer;
+  put(text, static_cast<std::uint8_t>(Op::footer), std::uint64_t{8 + 8 + 4}, summary, offsets);
   Crc32 crc;
   crc.add(text);
   put(text, crc.value());
