@@ -58,7 +58,7 @@ void Connection::send(const hal::CanFrame& f) {
     std::this_thread::sleep_for(milliseconds(1));
   }
   bus_.flush();
-  tell_taps(Clock::now(), f, true);
+  tell_taps(Clock::now(), f);
 }
 
 void Connection::keep_alive(Alive how) {
@@ -82,7 +82,7 @@ void Connection::pump(std::chrono::nanoseconds patience) {
   constexpr int most = 1000;  // a flooded bus must not keep the sign of life back
   for (int n = 0; n < most && bus_.try_receive(f); ++n) {
     if (client_.hear(f)) heard_ = now;
-    tell_taps(now, f, false);
+    tell_taps(now, f);
   }
   if (now - heard_ > milliseconds(silence_ms))
     throw RunError(fmt::format("no controller with base_id 0x{:03x} was heard for {} s on {}", client_.base(),

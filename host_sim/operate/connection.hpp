@@ -30,8 +30,8 @@ std::vector<std::uint32_t> find_controllers(HostBus& bus, std::chrono::milliseco
 class Connection {
  public:
   using Clock = std::chrono::steady_clock;
-  /// Where and when, us since the connection began, a frame passed, and whether it was sent from here.
-  using Tap = std::function<void(std::int64_t time_us, const hal::CanFrame&, bool sent)>;
+  /// Takes a frame that passed, sent from here or received, and when: us since the connection began.
+  using Tap = std::function<void(std::int64_t time_us, const hal::CanFrame&)>;
 
   /// Waits for a Status and an Identity of the controller at `base`. Throws RunError when nothing is heard,
   /// and for a later version of the protocol. `bus` must outlive this.
@@ -43,14 +43,7 @@ class Connection {
   [[nodiscard]] const link::Status& status() const { return *client_.news().status; }
   [[nodiscard]] LinkClient& client() { return client_; }
   [[nodiscard]] HostBus& bus() { return bus_; }
-  /// Every frame goes to `to` as well, until it is empty; one function for each owner.
-  void tap(const void* owner, Tap to) {
-    if (to) {
-      taps_[owner] = std::move(to);
-    } else {
-      taps_.erase(owner);
-    }
-  }
+  std::map<const void*, Tap> taps;  ///< by owner: every frame goes to them as well
 
   enum class Alive : std::uint8_t {
     no,
@@ -112,9 +105,9 @@ class Connection {
   void read_faults();
 
  private:
-  void tell_taps(Clock::time_point now, const hal::CanFrame& f, bool sent) const {
-    for (const auto& [owner, to] : taps_)
-      to(std::chrono::duration_cast<std::chrono::microseconds>(now - begin_).count(), f, sent);
+  void tell_taps(Clock::time_point now, const hal::CanFrame& f) const {
+    for (const auto& [owner, to] : taps)
+      to(std::chrono::duration_cast<std::chrono::microseconds>(now - begin_).count(), f);
   }
   static constexpr double answer_seconds =
       20.0;  // of a slow controller on a busy machine; mostly a few ticks
@@ -128,7 +121,6 @@ class Connection {
 
   HostBus& bus_;
   LinkClient client_;
-  std::map<const void*, Tap> taps_;
   Attendant attendant_;
   /// Whether another supervisor computer was heard just now.
   [[nodiscard]] bool another() const {

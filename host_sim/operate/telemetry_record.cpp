@@ -27,17 +27,15 @@ std::vector<std::string> motor_names(const Scene* scene) {
 
 }  // namespace
 
-TelemetryTap::TelemetryTap(Connection& connection,
-                           std::function<void(std::int64_t time_us, const hal::CanFrame&)> frame, Row row)
-    : link_(connection) {
-  link_.tap(this,
-            [this, frame = std::move(frame), row = std::move(row), begin = link_.news().ticks,
-             statuses = link_.news().statuses](std::int64_t time_us, const hal::CanFrame& f, bool) mutable {
-              frame(time_us, f);
-              const ControllerNews& n = link_.news();
-              if (std::exchange(statuses, n.statuses) != n.statuses)
-                row(link_.seconds(n.ticks - begin), n.values(), *n.status);
-            });
+TelemetryTap::TelemetryTap(Connection& connection, Connection::Tap frame, Row row) : link_(connection) {
+  link_.taps[this] = [this, frame = std::move(frame), row = std::move(row), begin = link_.news().ticks,
+                      statuses = link_.news().statuses](std::int64_t time_us,
+                                                        const hal::CanFrame& f) mutable {
+    frame(time_us, f);
+    const ControllerNews& n = link_.news();
+    if (std::exchange(statuses, n.statuses) != n.statuses)
+      row(link_.seconds(n.ticks - begin), n.values(), *n.status);
+  };
 }
 
 TelemetryRecord::TelemetryRecord(Connection& connection, const std::string& directory)

@@ -18,12 +18,11 @@ class TelemetryTap {
   /// `t`: s since the tap began, of the controller.
   using Row = std::function<void(double t, const ControllerNews::Values&, const link::Status&)>;
   /// `connection` must outlive this and have its parameters read.
-  TelemetryTap(Connection& connection, std::function<void(std::int64_t time_us, const hal::CanFrame&)> frame,
-               Row row);
+  TelemetryTap(Connection& connection, Connection::Tap frame, Row row);
   ~TelemetryTap() { end(); }
   TelemetryTap(const TelemetryTap&) = delete;
   TelemetryTap& operator=(const TelemetryTap&) = delete;
-  void end() { link_.tap(this, {}); }
+  void end() { link_.taps.erase(this); }
 
  private:
   Connection& link_;
