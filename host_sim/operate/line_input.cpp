@@ -51,18 +51,34 @@ char* complete(const char* text, int state) {
   }
   return nullptr;
 }
+std::optional<std::string> edited(const std::string& prompt, const std::function<bool()>& meanwhile) {
+  Edited& e = edited_line();
+  e.done = e.end = false;
+  e.text.clear();
+  ::rl_callback_handler_install(prompt.c_str(), take_line);
+  struct Restore {  // the terminal, whatever `meanwhile` throws
+    ~Restore() { ::rl_callback_handler_remove(); }
+  } restore;
+  while (!e.done) {
+    if (!meanwhile()) {
+      std::fputc('\n', stdout);
+      return std::nullopt;
+    }
+    if (input_waits()) ::rl_callback_read_char();
+  }
+  return e.end ? std::nullopt : std::optional(e.text);
+}
 #endif
 
 }  // namespace
 
-LineInput::LineInput(std::vector<std::string> words) : terminal_(::isatty(STDIN_FILENO) != 0) {
+LineInput::LineInput([[maybe_unused]] std::vector<std::string> words)
+    : terminal_(::isatty(STDIN_FILENO) != 0) {
 #ifdef ESMC_LIBEDIT
   edited_line().words = std::move(words);
   if (!terminal_) return;
   ::rl_completion_entry_function = complete;
   ::using_history();
-#else
-  (void)words;
 #endif
 }
 
@@ -112,31 +128,6 @@ std::optional<std::string> LineInput::line(const std::string& prompt,
     if (!open_ || !meanwhile()) return std::nullopt;
     if (input_waits()) (void)read_some();
   }
-}
-
-std::optional<std::string> LineInput::edited(const std::string& prompt,
-                                             const std::function<bool()>& meanwhile) {
-#ifdef ESMC_LIBEDIT
-  Edited& e = edited_line();
-  e.done = e.end = false;
-  e.text.clear();
-  ::rl_callback_handler_install(prompt.c_str(), take_line);
-  struct Restore {  // the terminal, whatever `meanwhile` throws
-    ~Restore() { ::rl_callback_handler_remove(); }
-  } restore;
-  while (!e.done) {
-    if (!meanwhile()) {
-      std::fputc('\n', stdout);
-      return std::nullopt;
-    }
-    if (input_waits()) ::rl_callback_read_char();
-  }
-  return e.end ? std::nullopt : std::optional(e.text);
-#else
-  (void)prompt;
-  (void)meanwhile;
-  return std::nullopt;
-#endif
 }
 
 }  // namespace esmc::host

@@ -27,7 +27,6 @@ class LineInput {
   bool silent();
 
  private:
-  std::optional<std::string> edited(const std::string& prompt, const std::function<bool()>& meanwhile);
   /// Reads what is there; false: the end of the input.
   bool read_some();
 
