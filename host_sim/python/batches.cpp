@@ -13,10 +13,14 @@
 namespace esmc::host {
 namespace {
 
+void require_threads(int threads) {
+  if (threads < 0 || threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", threads);
+}
+
 /// None in the processes that mpirun has started beside the first one.
 py::object sweep(const std::filesystem::path& spec, const std::filesystem::path& out, int threads,
                  bool restart) {
-  if (threads < 0 || threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", threads);
+  require_threads(threads);
   Capture c;
   SweepOptions o;
   o.spec = spec.string();
@@ -61,30 +65,46 @@ std::vector<Objective> objectives_of(const std::vector<std::string>& names) {
   return out;
 }
 
-RolloutParameter parameter_of(const std::string& key, const py::handle& v) {
-  RolloutParameter out{key, {}};
+/// What a key goes through: a tuple is a range that is sampled, a list has a value per case.
+std::pair<Vary, Axis> parameter_of(const std::string& key, const py::handle& v) {
+  Vary vary{.key = key, .where = "parameters['" + key + "']", .values = {}};
+  Axis axis;
   if (py::isinstance<py::tuple>(v)) {
     const auto pair = py::reinterpret_borrow<py::tuple>(v);
-    if (pair.size() != 2) refuse("parameters['{}']: a range is a tuple (from, to)", key);
-    const std::pair range(finite(key, pair[0]), finite(key, pair[1]));
-    if (range.first > range.second) refuse("parameters['{}']: a range needs from <= to", key);
-    out.values = range;
-    return out;
+    if (pair.size() != 2) refuse("{}: a range is a tuple (from, to)", vary.where);
+    axis.from = finite(key, pair[0]);
+    axis.to = finite(key, pair[1]);
+    if (axis.from > axis.to) refuse("{}: a range needs from <= to", vary.where);
+    return {std::move(vary), axis};
   }
   py::object list = py::hasattr(v, "tolist") ? v.attr("tolist")() : py::reinterpret_borrow<py::object>(v);
   const bool text = py::isinstance<py::str>(list) || py::isinstance<py::bytes>(list);
   if (!text && py::isinstance(list, py::module_::import("collections.abc").attr("Sequence")))
     list = py::list(list);
   if (!py::isinstance<py::list>(list))
-    refuse("parameters['{}']: a range (from, to), or a list or array with a value per case", key);
-  std::vector<SweepValue> values;
-  for (const auto& item : list) values.push_back(sweep_value(key, item));
-  out.values = std::move(values);
-  return out;
+    refuse("{}: a range (from, to), or a list or array with a value per case", vary.where);
+  for (const auto& item : list) vary.values.push_back(sweep_value(key, item));
+  axis.listed = vary.values.size();
+  axis.in_order = true;
+  return {std::move(vary), axis};
 }
 
-/// The torques of driven cases into the request. Returns the array, which must live as long as that.
-Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t every, RolloutRequest& r,
+/// The design of `spec`, whose keys and seed are set: `n` cases, or as many as the first list has values.
+Design design_of(const SweepSpec& spec, std::vector<Axis> axes, std::optional<std::uint64_t> n) {
+  for (const Axis& a : axes) {
+    if (a.in_order && !n) n = a.listed;
+  }
+  const std::uint64_t cases = n.value_or(1);
+  if (cases == 0 || cases > Design::most_cases) refuse("n = {}: 1 to {}", cases, Design::most_cases);
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    if (axes[i].in_order && axes[i].listed != cases)
+      refuse("{}: {} values for {} cases", spec.vary[i].where, axes[i].listed, cases);
+  }
+  return {Sampling::latin_hypercube, cases, spec.seed, std::move(axes)};
+}
+
+/// The torques of driven cases into `given`. Returns the array, which must live as long as that.
+Array torques_of(const PyScene& s, const py::object& torques, GivenTorques& given,
                  std::optional<std::uint64_t>& n) {
   const Array out = numbers(torques, "torques", 3);
   const std::size_t motors = s.scene.motor_joints().size();
@@ -93,25 +113,24 @@ Array torques_of(const PyScene& s, const py::object& torques, std::uint32_t ever
     refuse("torques: an array of shape (cases, ticks, {}) is needed, N m", motors);
   if (n && *n != static_cast<std::uint64_t>(out.shape(0)))
     refuse("torques: {} cases, n = {}", out.shape(0), *n);
-  r.torque = {out.data(), static_cast<std::size_t>(out.size())};
-  if (!std::ranges::all_of(r.torque, [](double v) { return std::isfinite(v); }))
+  given.torque = {out.data(), static_cast<std::size_t>(out.size())};
+  if (!std::ranges::all_of(given.torque, [](double v) { return std::isfinite(v); }))
     refuse("torques: must be finite");
   if (s.scene.accuracy) refuse("torques: simulation.accuracy is for whole runs");
   n = static_cast<std::uint64_t>(out.shape(0));
-  r.ticks = static_cast<std::uint32_t>(out.shape(1));
-  r.every = every;
+  given.ticks = static_cast<std::uint32_t>(out.shape(1));
   return out;
 }
 
 /// q and qd of driven cases: (cases, coordinates), or with `every` (cases, rows, coordinates).
-void add_states(const RolloutRequest& r, RolloutResult&& result, py::dict& out) {
+void add_states(bool every, RolloutResult&& result, py::dict& out) {
   const auto kept = std::make_unique<std::vector<double>>(std::move(result.states)).release();
   const py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<double>*>(p); });
   const std::size_t row = 2 * result.coordinates * sizeof(double);
   for (const bool rates : {false, true}) {
-    std::vector<std::size_t> shape{r.cases, result.rows, result.coordinates},
+    std::vector<std::size_t> shape{result.outcomes.size(), result.rows, result.coordinates},
         strides{result.rows * row, row, sizeof(double)};
-    if (r.every == 0) {
+    if (!every) {
       shape.erase(shape.begin() + 1);
       strides.erase(strides.begin() + 1);
     }
@@ -123,42 +142,41 @@ void add_states(const RolloutRequest& r, RolloutResult&& result, py::dict& out) 
 py::dict rollout(const PyScene& s, const py::object& parameters, std::optional<std::uint64_t> n,
                  std::uint64_t seed, int threads, const std::vector<std::string>& wanted,
                  const py::object& torques, std::uint32_t every) {
-  RolloutRequest r{.scene = s.file,
-                   .sets = s.sets,
-                   .parameters = {},
-                   .seed = seed,
-                   .threads = threads,
-                   .objectives = {},
-                   .torque = {},
-                   .ticks = 0,
-                   .every = 0};
+  SweepSpec spec;
+  spec.file = spec.scene = s.file;
+  spec.sets = s.sets;
+  spec.seed = seed;
+  GivenTorques given{.every = every};
   const bool driven = !torques.is_none();
   if (driven && !wanted.empty()) refuse("torques: there are no objectives, the result has q and qd");
   if (!driven && every != 0) refuse("every: is of runs with torques");
-  if (!driven) r.objectives = objectives_of(wanted);
-  const Array given = driven ? torques_of(s, torques, every, r, n) : Array();
-  for (const auto& [key, value] : dict_of(parameters, "parameters"))
-    r.parameters.push_back(parameter_of(py::str(key).cast<std::string>(), value));
-  for (const RolloutParameter& p : r.parameters) {
-    if (const auto* values = std::get_if<1>(&p.values); values != nullptr && !n) n = values->size();
+  if (!driven) spec.wanted = objectives_of(wanted);
+  const Array kept = driven ? torques_of(s, torques, given, n) : Array();
+  std::vector<Axis> axes;
+  for (const auto& [key, value] : dict_of(parameters, "parameters")) {
+    auto [vary, axis] = parameter_of(py::str(key).cast<std::string>(), value);
+    spec.vary.push_back(std::move(vary));
+    axes.push_back(axis);
   }
-  r.cases = n.value_or(1);
-  RolloutResult result = released(s, [&] { return driven ? run_driven(r) : run_rollout(r); });
+  spec.design = design_of(spec, std::move(axes), n);
+  require_threads(threads);
+  RolloutResult result =
+      released(s, [&] { return driven ? run_driven(spec, threads, given) : run_rollout(spec, threads); });
   const auto numpy = py::module_::import("numpy");
   py::dict out;
-  for (std::size_t a = 0; a < r.parameters.size(); ++a)
-    out[py::str(r.parameters[a].key)] = numpy.attr("array")(py::cast(result.parameters[a]));
-  const std::size_t columns = r.objectives.size();
+  for (std::size_t a = 0; a < spec.vary.size(); ++a)
+    out[py::str(spec.vary[a].key)] = numpy.attr("array")(py::cast(result.parameters[a]));
+  const std::size_t columns = spec.wanted.size(), cases = result.outcomes.size();
   for (std::size_t c = 0; c < columns; ++c) {
-    py::array_t<double> column(static_cast<py::ssize_t>(r.cases));
+    py::array_t<double> column(static_cast<py::ssize_t>(cases));
     auto to = column.mutable_unchecked<1>();
-    for (std::size_t i = 0; i < r.cases; ++i)
+    for (std::size_t i = 0; i < cases; ++i)
       to(static_cast<py::ssize_t>(i)) = result.objectives[i * columns + c];
-    out[py::str(std::string(objectives[static_cast<std::size_t>(r.objectives[c])].name))] = column;
+    out[py::str(std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].name))] = column;
   }
   out["outcome"] = numpy.attr("array")(py::cast(result.outcomes));
-  out["seed"] = py::array_t<std::uint64_t>(static_cast<py::ssize_t>(r.cases), result.seeds.data());
-  if (driven) add_states(r, std::move(result), out);
+  out["seed"] = py::array_t<std::uint64_t>(static_cast<py::ssize_t>(cases), result.seeds.data());
+  if (driven) add_states(every != 0, std::move(result), out);
   return out;
 }
 

@@ -15,49 +15,18 @@
 namespace esmc::host {
 namespace {
 
-SweepSpec spec_of(const RolloutRequest& r) {
-  SweepSpec out;
-  out.file = out.scene = r.scene;
-  out.sets = r.sets;
-  out.seed = r.seed;
-  out.wanted = r.objectives;
-  std::vector<Axis> axes;
-  for (const RolloutParameter& p : r.parameters) {
-    Vary vary;
-    vary.key = p.key;
-    vary.where = "parameters['" + p.key + "']";
-    Axis axis;
-    if (const auto* range = std::get_if<0>(&p.values)) {
-      axis.from = range->first;
-      axis.to = range->second;
-    } else {
-      vary.values = std::get<1>(p.values);
-      axis.listed = vary.values.size();
-      axis.in_order = true;
-      if (axis.listed != r.cases) refuse("{}: {} values for {} cases", vary.where, axis.listed, r.cases);
-    }
-    axes.push_back(axis);
-    out.vary.push_back(std::move(vary));
-  }
-  out.design = Design(Sampling::latin_hypercube, r.cases, r.seed, std::move(axes));
-  return out;
-}
-
-void check_request(const RolloutRequest& r) {
-  if (r.cases == 0 || r.cases > Design::most_cases) refuse("n = {}: 1 to {}", r.cases, Design::most_cases);
-  if (r.threads < 0 || r.threads > 4096) refuse("threads = {}: 0 (all processors) to 4096", r.threads);
-}
-int threads_of(const RolloutRequest& r) { return r.threads > 0 ? r.threads : processors(); }
+int threads_of(int threads) { return threads > 0 ? threads : processors(); }
 
 /// What the cases are, beside their results.
-RolloutResult result_of(const RolloutRequest& r, const CaseScenes& scenes) {
+RolloutResult result_of(const SweepSpec& spec, const CaseScenes& scenes) {
   RolloutResult out;
-  out.outcomes.assign(r.cases, outcome_name(outcome_not_run));
-  for (std::size_t a = 0; a < r.parameters.size(); ++a) {
+  const std::uint64_t cases = spec.design.cases();
+  out.outcomes.assign(cases, outcome_name(outcome_not_run));
+  for (std::size_t a = 0; a < spec.vary.size(); ++a) {
     auto& column = out.parameters.emplace_back();
-    for (std::uint64_t i = 0; i < r.cases; ++i) column.push_back(scenes.value(i, a));
+    for (std::uint64_t i = 0; i < cases; ++i) column.push_back(scenes.value(i, a));
   }
-  for (std::uint64_t i = 0; i < r.cases; ++i) out.seeds.push_back(scenes.seed(i));
+  for (std::uint64_t i = 0; i < cases; ++i) out.seeds.push_back(scenes.seed(i));
   return out;
 }
 
@@ -66,8 +35,12 @@ constexpr const char* other_width = "other_width";  // of the torques; run_drive
 /// Driven cases, a group of lanes at a time.
 class Driver {
  public:
-  Driver(const RolloutRequest& r, const CaseScenes& scenes, std::size_t width, RolloutResult& out)
-      : r_(r), scenes_(scenes), per_case_(r.torque.size() / r.cases), width_(width), out_(out) {}
+  Driver(const GivenTorques& given, const CaseScenes& scenes, std::size_t width, RolloutResult& out)
+      : given_(given),
+        scenes_(scenes),
+        per_case_(given.torque.size() / out.outcomes.size()),
+        width_(width),
+        out_(out) {}
 
   void run(std::uint64_t first, std::uint64_t end) {
     jobs_.clear();
@@ -76,11 +49,11 @@ class Driver {
       job.index = i;
       try {
         const Scene& scene = scenes_.at(i);
-        if (static_cast<std::size_t>(scene.motors()) * r_.ticks != per_case_) {
+        if (static_cast<std::size_t>(scene.motors()) * given_.ticks != per_case_) {
           out_.outcomes[i] = other_width;
           continue;
         }
-        if (!make_driven_job(scene, r_.ticks, r_.every, job) ||
+        if (!make_driven_job(scene, given_.ticks, given_.every, job) ||
             (!jobs_.empty() && !(jobs_.front().settings == job.settings))) {
           alone(i);
           continue;
@@ -89,7 +62,7 @@ class Driver {
         out_.outcomes[i] = "impossible";
         continue;
       }
-      job.numbers.torque = r_.torque.data() + i * per_case_;
+      job.numbers.torque = given_.torque.data() + i * per_case_;
       job.numbers.states = states(i);
       jobs_.push_back(std::move(job));
     }
@@ -106,7 +79,7 @@ class Driver {
 
   void alone(std::uint64_t i) {
     const auto plant = make_python_plant(scenes_.at(i));
-    const std::size_t motors = per_case_ / r_.ticks;
+    const std::size_t motors = per_case_ / given_.ticks;
     double* to = states(i);
     std::vector<double> q, qd;
     const auto keep = [&] {
@@ -115,9 +88,9 @@ class Driver {
     };
     out_.outcomes[i] = outcome_name(outcome_ok);
     try {
-      for (std::uint32_t t = 0; t < r_.ticks && !stop_requested(); ++t) {
-        if (r_.every > 0 && t % r_.every == 0) keep();
-        plant->step(r_.torque.subspan(i * per_case_ + t * motors, motors));
+      for (std::uint32_t t = 0; t < given_.ticks && !stop_requested(); ++t) {
+        if (given_.every > 0 && t % given_.every == 0) keep();
+        plant->step(given_.torque.subspan(i * per_case_ + t * motors, motors));
       }
       keep();
     } catch (const RunError&) {
@@ -126,7 +99,7 @@ class Driver {
     }
   }
 
-  const RolloutRequest& r_;
+  const GivenTorques& given_;
   CaseScenes scenes_;
   std::size_t per_case_, width_;  // torques; numbers of a row
   RolloutResult& out_;
@@ -136,15 +109,13 @@ class Driver {
 
 }  // namespace
 
-RolloutResult run_rollout(const RolloutRequest& r) {
-  check_request(r);
-  const SweepSpec spec = spec_of(r);
+RolloutResult run_rollout(const SweepSpec& spec, int threads) {
   const CaseScenes scenes(spec);
-  const auto cases = static_cast<std::size_t>(r.cases);
-  const std::size_t columns = r.objectives.size();
-  RolloutResult out = result_of(r, scenes);
+  const auto cases = static_cast<std::size_t>(spec.design.cases());
+  const std::size_t columns = spec.wanted.size();
+  RolloutResult out = result_of(spec, scenes);
   out.objectives.assign(cases * columns, std::numeric_limits<double>::quiet_NaN());
-  const WorkerConfig config{&spec, &scenes, threads_of(r), &lane_kernels().front()};
+  const WorkerConfig config{&spec, &scenes, threads_of(threads), &lane_kernels().front()};
   WorkList list(std::vector<bool>(cases, false), static_cast<std::size_t>(config.jobs),
                 [&](const std::vector<Finished>& done) {
                   for (const Finished& f : done) {
@@ -158,22 +129,21 @@ RolloutResult run_rollout(const RolloutRequest& r) {
   return out;
 }
 
-RolloutResult run_driven(const RolloutRequest& r) {
-  check_request(r);
-  const SweepSpec spec = spec_of(r);
+RolloutResult run_driven(const SweepSpec& spec, int threads, const GivenTorques& given) {
+  const std::uint64_t cases = spec.design.cases();
   const CaseScenes scenes(spec);
-  RolloutResult out = result_of(r, scenes);
-  out.rows = r.every > 0 ? (r.ticks - 1) / r.every + 2 : 1;
+  RolloutResult out = result_of(spec, scenes);
+  out.rows = given.every > 0 ? (given.ticks - 1) / given.every + 2 : 1;
   out.coordinates = scenes.nominal().type == MechanismType::five_bar ? 6 : 2;
-  out.states.assign(r.cases * out.rows * 2 * out.coordinates, std::numeric_limits<double>::quiet_NaN());
+  out.states.assign(cases * out.rows * 2 * out.coordinates, std::numeric_limits<double>::quiet_NaN());
   const auto lanes = static_cast<std::uint64_t>(lane_kernels().front().lanes);
   std::atomic<std::uint64_t> next{0};
-  run_jobs(threads_of(r), [&](int) {
-    Driver driver(r, scenes, 2 * out.coordinates, out);
+  run_jobs(threads_of(threads), [&](int) {
+    Driver driver(given, scenes, 2 * out.coordinates, out);
     while (!stop_requested()) {
       const std::uint64_t first = next.fetch_add(lanes);
-      if (first >= r.cases) return;
-      driver.run(first, std::min(first + lanes, r.cases));
+      if (first >= cases) return;
+      driver.run(first, std::min(first + lanes, cases));
     }
   });
   if (stop_requested()) throw Interrupted("interrupted");

@@ -4,28 +4,15 @@
 #include <cstdint>
 #include <span>
 #include <string>
-#include <utility>
-#include <variant>
 #include <vector>
 
 #include "host_sim/sweep/spec.hpp"
 
 namespace esmc::host {
 
-/// What a key goes through: a range that is sampled, or a value per case.
-struct RolloutParameter {
-  std::string key;  ///< as in [[vary]]
-  std::variant<std::pair<double, double>, std::vector<SweepValue>> values;
-};
-struct RolloutRequest {
-  std::string scene;
-  std::vector<std::string> sets;
-  std::vector<RolloutParameter> parameters;
-  std::uint64_t cases = 1, seed = 1;
-  int threads = 0;  ///< 0: all processors
-  std::vector<Objective> objectives;
-  // Of run_driven alone:
-  std::span<const double> torque;  ///< [case][tick][motor], N m
+/// Torques of driven cases.
+struct GivenTorques {
+  std::span<const double> torque{};  ///< [case][tick][motor], N m
   std::uint32_t ticks = 0, every = 0;
 };
 struct RolloutResult {
@@ -37,12 +24,12 @@ struct RolloutResult {
   std::vector<double> states;                       ///< [case][row][q, then qd]
 };
 
-/// Runs them: ranges by latin hypercube, every case as `esmc sim` would run it, to the same bits whatever the
-/// number of threads. Throws InputError, and Interrupted after Ctrl-C.
-RolloutResult run_rollout(const RolloutRequest& r);
+/// Runs the cases of `spec.design`, every case as `esmc sim` would run it, to the same bits whatever the
+/// number of threads (0: all processors). Throws InputError, and Interrupted after Ctrl-C.
+RolloutResult run_rollout(const SweepSpec& spec, int threads);
 
 /// The mechanisms of the cases under given torques, each held for a tick, without controller: q and qd of
 /// final_state, at every `every`th tick from the start on and at the end. To the bits of PythonPlant::step.
-RolloutResult run_driven(const RolloutRequest& r);
+RolloutResult run_driven(const SweepSpec& spec, int threads, const GivenTorques& given);
 
 }  // namespace esmc::host
