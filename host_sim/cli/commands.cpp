@@ -32,17 +32,29 @@
 namespace esmc::host {
 namespace {
 
-void add_run_options(CLI::App& c, RunOptions& o) {
+using SceneCommand = std::pair<CLI::App&, RunOptions&>;
+
+/// Adds a command of a scene that leaves `files` in --out.
+SceneCommand add_scene_command(Program& p, const char* name, const char* description,
+                               int (*run)(const RunOptions&), const char* files,
+                               Signals signals = Signals::request_stop) {
+  const SceneCommand added = add(p, name, description, run, signals);
+  const auto& [c, o] = added;
   add_scene(c, o);
-  add_out(c, o.out, "scene.toml, summary.json, log.csv, report.html");
+  add_out(c, o.out, files);
   add_json(c, o.json);
-  add_seed(c, o.seed, "of the random effects; the same seed gives the same run");
+  return added;
 }
 void add_mcap(CLI::App& c, std::string& file) {
   c.add_option("--mcap", file, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
       ->type_name("FILE");
 }
-void add_log(CLI::App& c, RunOptions& o) {
+/// Adds a command that runs a scene and leaves a log.
+SceneCommand add_run(Program& p, const char* name, const char* description, int (*run)(const RunOptions&)) {
+  const SceneCommand added =
+      add_scene_command(p, name, description, run, "scene.toml, summary.json, log.csv, report.html");
+  const auto& [c, o] = added;
+  add_seed(c, o.seed, "of the random effects; the same seed gives the same run");
   c.add_option_function<std::string>(
        "--log", [&npy = o.log.npy](const std::string& s) { npy = s == "npy"; },
        "csv | npy: log.npy, which numpy.load reads, in the place of log.csv")
@@ -52,6 +64,7 @@ void add_log(CLI::App& c, RunOptions& o) {
       ->check(CLI::Range(1, 1'000'000'000))
       ->capture_default_str();
   add_mcap(c, o.mcap);
+  return added;
 }
 void add_bus(CLI::App& c, RunOptions& o) {
   c.add_option("--bus", o.bus, bus_forms)->required();
@@ -212,31 +225,22 @@ void add_init_and_eval(Program& p) {
 constexpr const char* of_controller = ": of the controller; float is what a board without double computes";
 
 void add_loops(Program& p) {
-  const auto [sim, sim_options] =
-      add(p, "sim", "closed loop in one process, torque applied directly", run_sim);
-  add_run_options(sim, sim_options);
-  add_log(sim, sim_options);
+  (void)add_run(p, "sim", "closed loop in one process, torque applied directly", run_sim);
 
-  const auto [hil, hil_options] =
-      add(p, "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other",
-          run_hil);
-  add_run_options(hil, hil_options);
-  add_log(hil, hil_options);
+  const auto [hil, hil_options] = add_run(
+      p, "hil", "the loop through real CAN frames: controller on one node, drives and plant on the other",
+      run_hil);
   hil.add_option("--bus", hil_options.bus, "virtual | socketcan:INTERFACE | slcan:PLANT,CONTROLLER")
       ->capture_default_str();
   hil.add_flag("--realtime", hil_options.realtime, "wall-clock ticks instead of lockstep");
   add_scalar(hil, hil_options.single_precision, of_controller);
 
   const auto [plant, plant_options] =
-      add(p, "plant", "the drives' and the mechanism's end of hil, as a process of its own", run_plant);
-  add_run_options(plant, plant_options);
-  add_log(plant, plant_options);
+      add_run(p, "plant", "the drives' and the mechanism's end of hil, as a process of its own", run_plant);
   add_bus(plant, plant_options);
 
   const auto [controller, controller_options] =
-      add(p, "controller", "the controller's end of hil, as a process of its own", run_controller);
-  add_run_options(controller, controller_options);
-  add_log(controller, controller_options);
+      add_run(p, "controller", "the controller's end of hil, as a process of its own", run_controller);
   add_bus(controller, controller_options);
   controller.add_flag("--observe", controller_options.observe,
                       "listen only: show joints, effector, modes and ages; send nothing and arm nothing");
@@ -302,30 +306,18 @@ void add_operate(Program& p) {
 }
 
 void add_scene_commands(Program& p) {
-  const auto [check, check_options] =
-      add(p, "check",
-          "check a scene: reach, singularity and torque margins, gains against "
-          "delays, bus load, and 200 ticks of it simulated",
-          run_check);
-  add_scene(check, check_options);
-  add_out(check, check_options.out,
-          "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
-  add_json(check, check_options.json);
-
-  const auto [plan, plan_options] =
-      add(p, "plan",
-          "time the program of a scene: how long it takes, which limits it reaches, its path and torques",
-          run_plan, Signals::end);
-  add_scene(plan, plan_options);
-  add_out(plan, plan_options.out, "plan.json, path.csv, report.html, scene.toml");
-  add_json(plan, plan_options.json);
-
-  const auto [loop, loop_options] =
-      add(p, "margins", "gain, phase and delay margins of the sampled loop, and its ringing frequency",
-          run_margins);
-  add_scene(loop, loop_options);
-  add_out(loop, loop_options.out, "scene.toml and margins.json");
-  add_json(loop, loop_options.json);
+  (void)add_scene_command(
+      p, "check",
+      "check a scene: reach, singularity and torque margins, gains against "
+      "delays, bus load, and 200 ticks of it simulated",
+      run_check, "check.json, report.html, scene.toml, and check.csv: the torques along the reference");
+  (void)add_scene_command(
+      p, "plan",
+      "time the program of a scene: how long it takes, which limits it reaches, its path and torques",
+      run_plan, "plan.json, path.csv, report.html, scene.toml", Signals::end);
+  (void)add_scene_command(p, "margins",
+                          "gain, phase and delay margins of the sampled loop, and its ringing frequency",
+                          run_margins, "scene.toml and margins.json");
 
   const auto [bake, bake_options] = add(
       p, "bake", "a scene as the constants of a board's image (C++); scenes that check refuses are refused",
@@ -513,13 +505,10 @@ void add_live(Program& p) {
 }
 
 void add_spatial_and_keys(Program& p) {
-  const auto [c, o] =
-      add(p, "spatial",
-          "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs",
-          run_spatial);
-  add_scene(c, o);
-  add_out(c, o.out, "scene.toml, summary.json, log.csv");
-  add_json(c, o.json);
+  const auto [c, o] = add_scene_command(
+      p, "spatial",
+      "closed loop in space, orientation by unit quaternion: a free body, or a platform on six legs",
+      run_spatial, "scene.toml, summary.json, log.csv");
   add_seed(c, o.seed, "of the noise in [measurement]");
   add_scalar(c, o.single_precision, of_controller);
 
