@@ -126,7 +126,7 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
   using S = typename C::S;
   if (scene.drives.homing_speed.empty()) return;
   if (scene.command && scene.command->timeout == 0.0)
-    throw InputError(
+    refuse_at(
         scene.drives.where,
         "'homing_speed': homing needs a command.timeout above 0, or a console that dies does not stop it");
   const ControllerConfig<M>& k = c.controller;
@@ -137,20 +137,17 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
     constexpr double room = 1.5;  // for friction, and legs that help each other little
     const double least = room * std::abs(homing_load(scene, static_cast<std::size_t>(i)).hold);
     if (static_cast<double>(c.homing.torque[i]) < least)
-      throw InputError(
-          scene.drives.where,
-          fmt::format(
-              "'homing_torque': joint {} needs at least {:.3g} N m, 1.5 times what its weight may take: "
-              "less would hang in the air and take that for an end stop",
-              i + 1, least));
+      refuse_at(scene.drives.where,
+                "'homing_torque': joint {} needs at least {:.3g} N m, 1.5 times what its weight may take: "
+                "less would hang in the air and take that for an end stop",
+                i + 1, least);
     const Range<S>& range = k.limits.joint_angle[static_cast<std::size_t>(i)];
     const S above = range.upper - base[i], below = base[i] - range.lower;
     if (c.homing.speed[i] > S(0) ? above > below : below > above)
-      throw InputError(
-          scene.drives.where,
-          fmt::format("'homing_speed': joint {} moves away from the end of limits.joint_angle that "
-                      "its stop, zero_pose, is at",
-                      i + 1));
+      refuse_at(scene.drives.where,
+                "'homing_speed': joint {} moves away from the end of limits.joint_angle that its stop, "
+                "zero_pose, is at",
+                i + 1);
   }
   const auto e = estimate_from_base(k.mechanism, k.mode, off, Vec2<S>::Zero().eval());
   bool fits = e && estimate_from_base(k.mechanism, k.mode, base, Vec2<S>::Zero().eval()) &&
@@ -164,11 +161,10 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
                          k.limits.closure;
   }
   if (!fits)
-    throw InputError(
-        scene.drives.where,
-        "'zero_pose': the controller could not be armed after homing on these end stops; 'homing_back_off' "
-        "off "
-        "them the mechanism must close in its modes, within limits.joint_angle and away from singularities");
+    refuse_at(scene.drives.where,
+              "'zero_pose': the controller could not be armed after homing on these end stops; "
+              "'homing_back_off' off them the mechanism must close in its modes, within limits.joint_angle "
+              "and away from singularities");
 }
 
 constexpr double stopping_time_max = 1.5;  // s; longer than the host's controller waits at its end

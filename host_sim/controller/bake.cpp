@@ -75,9 +75,8 @@ std::string line_text(const Scene& scene) {
 template <class S>
 void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
   if (reference.path.size() <= segments_max) return;
-  throw InputError(scene.reference_where,
-                   fmt::format("a path of {} pieces does not fit into a board's memory; allowed are {}",
-                               reference.path.size(), segments_max));
+  refuse_at(scene.reference_where, "a path of {} pieces does not fit into a board's memory; allowed are {}",
+            reference.path.size(), segments_max);
 }
 
 /// All constants of the image.

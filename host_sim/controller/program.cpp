@@ -1,7 +1,5 @@
 #include "host_sim/controller/program.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <deque>
 #include <mutex>
@@ -109,8 +107,7 @@ plan::Plan planned(const plan::Problem<M>& p) {
     return plan::plan(p);
   } catch (const plan::Refused& e) {
     const std::string key = e.key().empty() ? "" : "." + e.key();
-    throw InputError(p.moves[e.move()].place(e.key()),
-                     fmt::format("'reference.moves[{}]{}' {}", e.move() + 1, key, e.what()));
+    refuse_at(p.moves[e.move()].place(e.key()), "'reference.moves[{}]{}' {}", e.move() + 1, key, e.what());
   }
 }
 

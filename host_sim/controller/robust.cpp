@@ -1,7 +1,5 @@
 #include "host_sim/controller/robust.hpp"
 
-#include <fmt/format.h>
-
 #include <deque>
 #include <mutex>
 #include <numbers>
@@ -91,8 +89,8 @@ void along_reference(const Scene& scene, Problem<M>& p, std::uint32_t join_ticks
   Tracking<M> t;
   for (const Point& at : p.points) {
     if (desired(p, at.now, t)) continue;
-    throw InputError(scene.reference_where,
-                     fmt::format("the reference leaves the reach of the mechanism at t = {:.3f} s", at.time));
+    refuse_at(scene.reference_where, "the reference leaves the reach of the mechanism at t = {:.3f} s",
+              at.time);
   }
 }
 
@@ -206,7 +204,7 @@ RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
   const Problem<M> p = design_problem<M>(scene, pacing);
   const std::vector<double> key = numbers_of(p);
   const auto answer = [&](const Known& k) {
-    if (!k.refused.empty()) throw InputError(scene.uncertainty_where, "gain = \"robust\": " + k.refused);
+    if (!k.refused.empty()) refuse_at(scene.uncertainty_where, "gain = \"robust\": {}", k.refused);
     return k.gains;
   };
   {

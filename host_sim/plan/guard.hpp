@@ -30,16 +30,15 @@ class WayGuard {
     check_modes(pose, move);
     if (!c.limits.workspace_x.contains(pose.effector.x()) ||
         !c.limits.workspace_y.contains(pose.effector.y()))
-      throw Refused(move(), "to", "leads beyond limits.workspace at " + place_text(pose.effector));
+      throw Refused(move(), "to", "leads beyond limits.workspace at {}", place_text(pose.effector));
     if (!turns_) return;
     const Vec2<double> wrapped = M::base_angles(pose);
     for (int k = 0; k < 2; ++k) {
       constexpr double turn = 2.0 * std::numbers::pi;
       base_[k] = wrapped[k] + turn * std::round((base_[k] - wrapped[k]) / turn);
       if (c.limits.joint_angle[static_cast<std::size_t>(k)].contains(base_[k])) continue;
-      throw Refused(move(), "to",
-                    fmt::format("leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
-                                place_text(pose.effector), k + 1, base_[k]));
+      throw Refused(move(), "to", "leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
+                    place_text(pose.effector), k + 1, base_[k]);
     }
   }
   /// Throws Refused for a pose that no torque holds.
@@ -47,10 +46,9 @@ class WayGuard {
     const Loads still = motors_.holding(pose);
     const auto most = std::max_element(still.begin(), still.end());
     if (*most < 1.0) return;
-    throw Refused(
-        move, "to",
-        fmt::format("leads to {}, where motor {} takes {:.3g} % of its torque to hold the mechanism at rest",
-                    place_text(pose.effector), most - still.begin() + 1, 100.0 * *most));
+    throw Refused(move, "to",
+                  "leads to {}, where motor {} takes {:.3g} % of its torque to hold the mechanism at rest",
+                  place_text(pose.effector), most - still.begin() + 1, 100.0 * *most);
   }
   /// Whether a move states another working mode than the controller has.
   [[nodiscard]] bool changes_mode(std::size_t move) const {
@@ -72,20 +70,17 @@ class WayGuard {
     const double type1 = M::min_abs_sin_type1(pose), type2 = M::sin_type2_in_mode(pose, c.mode);
     if (!(type1 >= c.limits.min_abs_sin_type1) || !M::in_working_mode(pose, c.mode)) {
       const bool asked = changes_mode(move());
-      throw Refused(
-          move(), asked ? "working_mode" : "to",
-          fmt::format(
-              "{} at {}: |sin theta_j2| = {:.3g}, limits.min_abs_sin_type1 = {:g}, and the controller "
-              "keeps its working mode",
-              asked ? "changes by crossing type 1" : "leads into a type-1 singularity",
-              place_text(pose.effector), type1, c.limits.min_abs_sin_type1));
+      throw Refused(move(), asked ? "working_mode" : "to",
+                    "{} at {}: |sin theta_j2| = {:.3g}, limits.min_abs_sin_type1 = {:g}, and the controller "
+                    "keeps its working mode",
+                    asked ? "changes by crossing type 1" : "leads into a type-1 singularity",
+                    place_text(pose.effector), type1, c.limits.min_abs_sin_type1);
     }
     const bool regular = c.motors == Motors::all && c.sensors == Sensors::all;
     if (regular || type2 >= c.limits.min_abs_sin_type2) return;
-    throw Refused(move(), "to",
-                  fmt::format("leads {} at {}: |D2| = {:.3g}, limits.min_abs_sin_type2 = {:g}",
-                              type2 < 0.0 ? "into the other assembly mode" : "into a type-2 singularity",
-                              place_text(pose.effector), std::abs(type2), c.limits.min_abs_sin_type2));
+    throw Refused(move(), "to", "leads {} at {}: |D2| = {:.3g}, limits.min_abs_sin_type2 = {:g}",
+                  type2 < 0.0 ? "into the other assembly mode" : "into a type-2 singularity",
+                  place_text(pose.effector), std::abs(type2), c.limits.min_abs_sin_type2);
   }
 
   const Problem<M>& p_;

@@ -223,7 +223,7 @@ class Measurement {
     if (motors) {
       Desired<M> d;
       if (!desired(m, d))
-        throw Refused(piece().move, "to", "leads out of reach at " + place_text(m.position));
+        throw Refused(piece().move, "to", "leads out of reach at {}", place_text(m.position));
       guard_.check(d.pose, [&] { return piece().move; });
       const std::pair<Loads, Loads> less = motors_.reserve(d, m);
       const auto scale = motors_.scale(d.pose);

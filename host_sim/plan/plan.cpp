@@ -45,8 +45,7 @@ class Planner {
     rest_until(p_.moves.size(), route_.last_rest());
     out_.duration = now_;
     if (const double most = std::min(longest, most_ticks * p_.tick); !(now_ <= most))
-      throw Refused(p_.moves.size() - 1, "time",
-                    fmt::format("ends after {:.3g} s, at most {:g} are allowed", now_, most));
+      throw Refused(p_.moves.size() - 1, "time", "ends after {:.3g} s, at most {:g} are allowed", now_, most);
     out_.ticks = static_cast<std::uint32_t>(std::ceil(now_ / p_.tick - 1e-9));
     for (auto& kind : out_.use) {
       for (Use& use : kind) use.active /= std::max(moving_, p_.tick);
@@ -117,12 +116,10 @@ class Planner {
     auto x = fastest(grid_, start, blocked, rough);
     if (x) return *x;
     const std::size_t at = std::min(2 * blocked, spots_.size() - 1);
-    throw Refused(
-        spots_[at].piece->move, "to",
-        fmt::format("no speed passes {}: the motors' torque within its limits, less what [uncertainty] "
-                    "needs, does not "
-                    "keep the mechanism on the way there",
-                    place_text(spots_.at(at)->tip.p)));
+    throw Refused(spots_[at].piece->move, "to",
+                  "no speed passes {}: the motors' torque within its limits, less what [uncertainty] needs, "
+                  "does not keep the mechanism on the way there",
+                  place_text(spots_.at(at)->tip.p));
   }
 
   /// Without a motion to begin with; between the points of a coarse grid limits may leave no speed, then of a
@@ -269,7 +266,7 @@ class Planner {
   Timing in_time() {
     constexpr double least_ticks = 4.0;  // in fewer the law sees nothing of a quintic
     if (*stretch_->time < least_ticks * p_.tick)
-      throw Refused(stretch_->first, "time", fmt::format("{:g} s is less than four ticks", *stretch_->time));
+      throw Refused(stretch_->first, "time", "{:g} s is less than four ticks", *stretch_->time);
     Timing timing = Timing::quintic(stretch_->length, *stretch_->time);
     (void)measured_.take(timing);
     const Uses use = measured_.use();
@@ -280,10 +277,10 @@ class Planner {
         const std::size_t move = piece_at(s).move;
         const double least = optimal().duration();
         throw Refused(move, "time",
-                      fmt::format("in {:g} s takes {:.4g} % of {}{}, most at {}; \"optimal\" takes {:.4g} s",
-                                  *stretch_->time, 100.0 * use[k][i].share, kind_text[k],
-                                  k == 0 ? fmt::format(" (motor {})", i + 1) : "",
-                                  place_text(route_.place(*stretch_, s)->tip.p), least));
+                      "in {:g} s takes {:.4g} % of {}{}, most at {}; \"optimal\" takes {:.4g} s",
+                      *stretch_->time, 100.0 * use[k][i].share, kind_text[k],
+                      k == 0 ? fmt::format(" (motor {})", i + 1) : "",
+                      place_text(route_.place(*stretch_, s)->tip.p), least);
       }
     }
     return timing;

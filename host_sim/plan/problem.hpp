@@ -1,6 +1,8 @@
 #pragma once
 /// What a program is planned with.
 
+#include <fmt/format.h>
+
 #include <array>
 #include <optional>
 #include <stdexcept>
@@ -17,8 +19,10 @@ namespace esmc::host::plan {
 /// A program that cannot be driven: which move (index from 0), which of its keys, and why.
 class Refused : public std::runtime_error {
  public:
-  Refused(std::size_t move, std::string key, const std::string& why)
-      : std::runtime_error(why), move_(move), key_(std::move(key)) {}
+  /// `why` is formatted with the values.
+  template <class... T>
+  Refused(std::size_t move, std::string key, fmt::format_string<T...> why, T&&... values)
+      : std::runtime_error(fmt::format(why, std::forward<T>(values)...)), move_(move), key_(std::move(key)) {}
   [[nodiscard]] std::size_t move() const { return move_; }
   [[nodiscard]] const std::string& key() const { return key_; }
 

@@ -51,10 +51,9 @@ class Route {
     }
     mark();
     if (p.repeat && (tip_ - p.start).norm() > 1e-6) {
-      throw Refused(
-          p.moves.size() - 1, "to",
-          fmt::format("ends at ({:.6g}, {:.6g}), and repeat = true begins again at ({:.6g}, {:.6g})",
-                      tip_.x(), tip_.y(), p.start.x(), p.start.y()));
+      throw Refused(p.moves.size() - 1, "to",
+                    "ends at ({:.6g}, {:.6g}), and repeat = true begins again at ({:.6g}, {:.6g})", tip_.x(),
+                    tip_.y(), p.start.x(), p.start.y());
     }
     for (Stretch& s : stretches_) {
       for (Piece& piece : s.pieces) {
@@ -121,7 +120,7 @@ class Route {
   void start() {
     const auto& c = p_.controller;
     const auto d = desired_at_effector(c.mechanism, c.mode, tip_, Vec2<double>(0, 0), Vec2<double>(0, 0));
-    if (!d) throw Refused(0, "", fmt::format("begins at {}, which is out of reach", text(tip_)));
+    if (!d) throw Refused(0, "", "begins at {}, which is out of reach", text(tip_));
     unwrap(M::base_angles(d->pose));
   }
   /// The turn of each base angle that is nearest to where the base joints are.
@@ -152,27 +151,25 @@ class Route {
     const Vec2<double> to = vec(m.to), from = m.kind == MoveKind::joint ? base_ : tip_;
     constexpr double least = 1e-9;  // m or rad
     if (!((to - from).norm() > least)) {
-      throw Refused(i, "to",
-                    fmt::format("{} is where the move begins{}", text(to),
-                                m.kind == MoveKind::arc ? ": a full circle takes two arcs" : ""));
+      throw Refused(i, "to", "{} is where the move begins{}", text(to),
+                    m.kind == MoveKind::arc ? ": a full circle takes two arcs" : "");
     }
     if (m.kind == MoveKind::joint) return {line(from, to, Piece::Kind::joint)};
     if (m.kind == MoveKind::arc) {
       Piece out;
       if (!arc(from, vec(m.via), to, out))
-        throw Refused(i, "via",
-                      fmt::format("{} lies on the line from {} to {}: no circle", text(vec(m.via)),
-                                  text(from), text(to)));
+        throw Refused(i, "via", "{} lies on the line from {} to {}: no circle", text(vec(m.via)), text(from),
+                      text(to));
       return {out};
     }
     std::vector<Vec2<double>> points{from};
     for (const auto& through : m.through) {
       if (!((vec(through) - points.back()).norm() > least))
-        throw Refused(i, "through", fmt::format("has {} twice in a row", text(vec(through))));
+        throw Refused(i, "through", "has {} twice in a row", text(vec(through)));
       points.push_back(vec(through));
     }
     if (!((to - points.back()).norm() > least))
-      throw Refused(i, "to", fmt::format("{} is the last point of through", text(to)));
+      throw Refused(i, "to", "{} is the last point of through", text(to));
     points.push_back(to);
     return spline(points);
   }
@@ -184,7 +181,7 @@ class Route {
       (place(piece, middle) ? t : end) = middle;
     }
     const std::string at = text(piece.point(end).p);
-    throw Refused(piece.move, key,
+    throw Refused(piece.move, key, "{}",
                   piece.kind == Piece::Kind::joint
                       ? fmt::format("the legs cannot be closed on the way, at base joints {} rad", at)
                       : fmt::format("out of reach on the way, at {} m", at));
@@ -243,8 +240,7 @@ class Route {
     const CurvePoint in = curve(a, a.end), out = curve(b, b.begin);
     const double fast_in = in.d1.norm(), fast_out = out.d1.norm();
     if (!(in.d1.dot(out.d1) > -0.95 * fast_in * fast_out))
-      throw Refused(a.move, "blend",
-                    fmt::format("cannot round the corner at {}: the next move turns back", text(in.p)));
+      throw Refused(a.move, "blend", "cannot round the corner at {}: the next move turns back", text(in.p));
     const bool both = after.size() == 1 && p_.moves[b.move].blend > 0.0;
     const double most = std::min(0.98 * a.length() * fast_in, (both ? 0.5 : 0.98) * b.length() * fast_out);
     Piece best;
@@ -268,7 +264,7 @@ class Route {
       if (!(cut > low && cut < high)) cut = 0.5 * (low + high);
     }
     if (!(best_cut > 0.0))
-      throw Refused(a.move, "blend", fmt::format("of {:g} m is too small to round the corner", allowed));
+      throw Refused(a.move, "blend", "of {:g} m is too small to round the corner", allowed);
     deviation_ = std::max(deviation_, best_deviation);
     best.move = a.move;
     best.next = b.move;

@@ -143,7 +143,7 @@ class Spots {
     spot.place = place_.size();
     const double t = spot.piece->begin + std::clamp(spot.s - spot.piece->at, 0.0, spot.piece->length());
     if (!route_.place(*spot.piece, t, place_.emplace_back()))
-      throw Refused(spot.piece->move, "to", "leads out of reach at " + place_text(spot.piece->position(t)));
+      throw Refused(spot.piece->move, "to", "leads out of reach at {}", place_text(spot.piece->position(t)));
   }
   void take_points() {
     grid_.s.clear();

@@ -1,8 +1,6 @@
 #pragma once
 /// How the key table names the field of a Scene that a key fills: into<&LimitsScene::closure>.
 
-#include <fmt/format.h>
-
 #include <cmath>
 #include <tuple>
 
@@ -63,8 +61,7 @@ void take(Section& s, const std::string& key, std::optional<T>& to) {
 inline void require_friction(const Section& s, const PerJoint& torque, const PerJoint& asymmetry,
                              const char* key) {
   for (std::size_t i = 0; i < torque.size(); ++i)
-    if (std::abs(asymmetry[i]) > torque[i])
-      s.fail("asymmetry", fmt::format("must be at most {}, joint by joint", key));
+    if (std::abs(asymmetry[i]) > torque[i]) s.fail("asymmetry", "must be at most {}, joint by joint", key);
 }
 
 // ---- readers for the key table ----

@@ -1,7 +1,5 @@
 #include "host_sim/scene/reader.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 
 #include "host_sim/scene/scene.hpp"
@@ -18,7 +16,7 @@ std::array<double, 2> gain_range(Section& s, const char* key, const PerKind& own
   const std::array<double, 2> r{(*given)[0], (*given)[1]};
   if (!(r[0] < r[1])) s.fail(key, "must be [lower, upper] with lower < upper");
   for (const double v : {own.position, own.angle}) {
-    if (!(r[0] <= v && v <= r[1])) s.fail(key, fmt::format("must contain what [control] has, {:g}", v));
+    if (!(r[0] <= v && v <= r[1])) s.fail(key, "must contain what [control] has, {:g}", v);
   }
   return r;
 }
@@ -68,20 +66,19 @@ void read_command(Section s, Scene& scene) {
   CommandScene& c = scene.command.emplace();
   s.read_fields(scene);
   const auto base = static_cast<std::uint32_t>(c.base_id);
-  if (base % block != 0) s.fail("base_id", fmt::format("must be a multiple of {}", block));
+  if (base % block != 0) s.fail("base_id", "must be a multiple of {}", block);
   for (const std::uint32_t id : drive_identifiers(scene)) {
     if (id / block != base / block) continue;
-    s.fail(
-        "base_id",
-        fmt::format("takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}",
-                    base, base + block - 1, id));
+    s.fail("base_id",
+           "takes the identifiers 0x{:03x} to 0x{:03x}, and the drives of this scene have 0x{:03x}", base,
+           base + block - 1, id);
   }
   c.arm_by_link = s.text("arm") == "link";
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
   const double most = CommandScene::jerk_ticks_max * scene.tick();
   c.jerk_time = s.optional_number("jerk_time").value_or(std::min(0.02, most));
   if (c.jerk_time > most * (1.0 + 1e-9))
-    s.fail("jerk_time", fmt::format("must be at most {} ticks, {:g} s", CommandScene::jerk_ticks_max, most));
+    s.fail("jerk_time", "must be at most {} ticks, {:g} s", CommandScene::jerk_ticks_max, most);
   c.lambda = gain_range(s, "lambda", scene.lambda);
   c.gain = gain_range(s, "gain", scene.gain);
   for (const char* key : {"lambda", "gain"}) {

@@ -1,7 +1,5 @@
 #include "host_sim/scene/reader.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -22,17 +20,15 @@ void add_free_nodes(std::vector<int>& nodes, std::size_t count) {
 void check_axes(const Section& s, const DriveScene& d) {
   for (std::size_t i = 0; i < d.nodes.size(); ++i) {
     for (std::size_t k = 0; k < i; ++k) {
-      if (d.nodes[i] == d.nodes[k]) s.fail("nodes", fmt::format("names node {} twice", d.nodes[i]));
+      if (d.nodes[i] == d.nodes[k]) s.fail("nodes", "names node {} twice", d.nodes[i]);
     }
     if (std::abs(d.direction[i]) != 1.0) s.fail("direction", "must be 1 or -1 for every axis");
     const bool canopen = d.protocol == Protocol::cia402, moteus = d.protocol == Protocol::moteus;
     const int least = canopen || moteus ? 1 : 0, most = canopen ? 127 : moteus ? 126 : 62;
-    if (d.nodes[i] < least || d.nodes[i] > most) {
-      s.fail("nodes",
-             fmt::format("names node {}: {} to {} are allowed with this protocol", d.nodes[i], least, most));
-    }
+    if (d.nodes[i] < least || d.nodes[i] > most)
+      s.fail("nodes", "names node {}: {} to {} are allowed with this protocol", d.nodes[i], least, most);
     if (canopen && d.nodes[i] == d.controller_node)
-      s.fail("nodes", fmt::format("names node {}, which is drives.controller_node", d.nodes[i]));
+      s.fail("nodes", "names node {}, which is drives.controller_node", d.nodes[i]);
   }
 }
 
@@ -51,17 +47,19 @@ void read_cia402(Section& s, const Scene& scene, DriveScene& d) {
   for (const double ratio : d.gear_ratio) {
     const double raw = scene.limits.joint_speed * ratio / d.velocity_unit;
     if (!(raw <= 2147483647.0)) {
-      s.fail("velocity_unit", fmt::format("makes limits.joint_speed the number {:g}: at most 2147483647 fits "
-                                          "into object 606C, and a faster joint would not be seen",
-                                          raw));
+      s.fail("velocity_unit",
+             "makes limits.joint_speed the number {:g}: at most 2147483647 fits into object 606C, and a "
+             "faster joint would not be seen",
+             raw);
     }
   }
   for (const double rated : d.rated_torque) {
     const double raw = rated / d.rated_torque_unit;
     if (!(raw >= 100.0 && raw <= 4e9)) {
-      s.fail("rated_torque_unit", fmt::format("makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 "
-                                              "are allowed in object 6076, so that it can be told to 1 %",
-                                              rated, raw));
+      s.fail("rated_torque_unit",
+             "makes a rated torque of {:g} N m the number {:g}: 100 to 4e9 are allowed in object 6076, so "
+             "that it can be told to 1 %",
+             rated, raw);
     }
   }
 }
@@ -93,24 +91,24 @@ void read_mit(Section& s, Scene& scene) {
   const bool v3 = d.dialect == drive::mit::Dialect::cubemars_v3;
   if (v3 && !s.given("velocity_unit")) {
     s.fail("velocity_unit",
-           "must be given for cubemars_v3: rad/s at the output for 10 electrical rpm, that is "
-           "pi / (3 x pole pairs x the drive's own gear ratio)");
+           "must be given for cubemars_v3: rad/s at the output for 10 electrical rpm, that is pi / (3 x pole "
+           "pairs x the drive's own gear ratio)");
   }
   const int node_max = d.dialect == drive::mit::Dialect::damiao ? 15 : 62;
   for (std::size_t i = 0; i < n; ++i) {
     if (d.nodes[i] < 1 || d.nodes[i] > node_max)
-      s.fail("nodes", fmt::format("must be from 1 to {} for MIT drives of this dialect", node_max));
+      s.fail("nodes", "must be from 1 to {} for MIT drives of this dialect", node_max);
     for (std::size_t k = 0; k < n; ++k) {
       if (!v3 && i != k && d.master_id[i] == d.nodes[k]) {
-        s.fail("master_id",
-               fmt::format("is {}, the node of another motor: commands to it would look like replies",
-                           d.master_id[i]));
+        s.fail("master_id", "is {}, the node of another motor: commands to it would look like replies",
+               d.master_id[i]);
       }
     }
     if (scene.closed_loop() && scene.torque_limit[i] > d.torque_range[i] * d.gear_ratio[i]) {
-      s.fail("torque_range", fmt::format("must let control.torque_limit through: motor {} may be asked for "
-                                         "{} N m at the joint, its field ends at {}",
-                                         i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]));
+      s.fail("torque_range",
+             "must let control.torque_limit through: motor {} may be asked for {} N m at the joint, its "
+             "field ends at {}",
+             i + 1, scene.torque_limit[i], d.torque_range[i] * d.gear_ratio[i]);
     }
   }
 }
@@ -122,9 +120,9 @@ void check_moteus(const Section& s, const Scene& scene) {
   for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
     const double torque = scene.torque_limit[i] / scene.drives.gear_ratio[i];
     if (torque > most)
-      s.fail("gear_ratio", fmt::format("makes control.torque_limit {:g} N m at motor {}: at most {:g} can be "
-                                       "told to a moteus",
-                                       torque, i + 1, most));
+      s.fail("gear_ratio",
+             "makes control.torque_limit {:g} N m at motor {}: at most {:g} can be told to a moteus", torque,
+             i + 1, most);
   }
 }
 
@@ -152,9 +150,10 @@ void read_homing(Section& s, Scene& scene) {
       s.fail("homing_speed", "must be at least 0.001 rad/s and at most limits.joint_speed, either way");
     // A joint stands below an eighth of it, and at rest MIT drives say half a step.
     if (const double least = 5.0 * speed_step(d, i); std::abs((*speed)[i]) < least)
-      s.fail("homing_speed", fmt::format("must be at least {:.3g} rad/s at joint {}: five steps of the speed "
-                                         "that its drive reports (velocity_range, velocity_unit, gear_ratio)",
-                                         least, i + 1));
+      s.fail("homing_speed",
+             "must be at least {:.3g} rad/s at joint {}: five steps of the speed that its drive reports "
+             "(velocity_range, velocity_unit, gear_ratio)",
+             least, i + 1);
     if (i < scene.torque_limit.size() && (*torque)[i] > scene.torque_limit[i])
       s.fail("homing_torque", "must be at most control.torque_limit");
   }
@@ -194,7 +193,7 @@ void read_drives(Section s, Scene& scene) {
   s.read_fields(scene);
   if (const auto defect = s.optional_text("defect")) {
     const std::string why = set_defect(d.defects, *defect, name(d.protocol));
-    if (!why.empty()) s.fail("defect", "\"" + *defect + "\": " + why);
+    if (!why.empty()) s.fail("defect", "\"{}\": {}", *defect, why);
   }
   if (const auto pose = s.optional_numbers("zero_pose", {2, 4})) {
     if (pose->size() != (scene.all_sensors ? static_cast<std::size_t>(scene.joints()) : 2U))

@@ -1,7 +1,5 @@
 #include "host_sim/scene/reader.hpp"
 
-#include <fmt/format.h>
-
 #include "host_sim/scene/fields.hpp"
 #include "host_sim/scene/scene.hpp"
 
@@ -19,8 +17,7 @@ template <class T>
 void complete(Section& s, const Scene& scene, T& e) {
   if constexpr (requires { e.drive; }) {
     if (const auto drives = static_cast<int>(scene.drives.nodes.size()); e.drive > drives)
-      s.fail("drive",
-             fmt::format("is {}, and there are {} entries in [drives] and [sensors]", e.drive, drives));
+      s.fail("drive", "is {}, and there are {} entries in [drives] and [sensors]", e.drive, drives);
   }
 }
 void complete(Section& s, const Scene&, CoulombFriction& e) {
@@ -33,7 +30,7 @@ void complete(Section& s, const Scene& scene, EndStops& e) {
     if (!(e.lower[i] < e.upper[i])) s.fail("lower", "must be below upper for each base joint");
     const double start = scene.start_angle[i * stride];
     if (!(start >= e.lower[i] && start <= e.upper[i]))
-      s.fail("", fmt::format("base joint {} starts at {:.6g} rad, beyond its stops", i + 1, start));
+      s.fail("", "base joint {} starts at {:.6g} rad, beyond its stops", i + 1, start);
   }
 }
 void complete(Section& s, const Scene&, ExternalForce& e) {
@@ -104,11 +101,9 @@ void read_effects(Section& root, Scene& scene) {
 void refuse_bus_effects(const Scene& scene, const std::string& why) {
   for (const Effect& e : scene.effects) {
     if (!acts_on_bus(e)) continue;
-    throw InputError(
-        scene.bus_effects_where,
-        fmt::format(
-            "effect '{}' cannot act: {}; allowed on the virtual bus: esmc hil SCENE, without --realtime",
-            type_name(e), why));
+    refuse_at(scene.bus_effects_where,
+              "effect '{}' cannot act: {}; allowed on the virtual bus: esmc hil SCENE, without --realtime",
+              type_name(e), why);
   }
 }
 

@@ -40,9 +40,8 @@ MoveScene read_move(Section& s, const Scene& scene) {
     m.to = m.through.back();
     m.through.pop_back();
   } else {
-    s.fail("",
-           fmt::format("move = \"{}\" needs to = {}", name(m.kind),
-                       m.kind == MoveKind::joint ? "[angle, angle] of the base joints, rad" : "[x, y], m"));
+    s.fail("", "move = \"{}\" needs to = {}", name(m.kind),
+           m.kind == MoveKind::joint ? "[angle, angle] of the base joints, rad" : "[x, y], m");
   }
   m.blend = s.number("blend");
   m.speed = s.optional_number("speed");
@@ -61,9 +60,8 @@ void check_blend(const Section& s, const std::vector<MoveScene>& moves, std::siz
     s.fail("blend", "has no corner: the last move ends at rest, and the program may then begin again");
   if (moves[i + 1].kind == MoveKind::dwell)
     s.fail("blend", "has no corner: the next move is a dwell, at rest");
-  if (m.time.has_value() != moves[i + 1].time.has_value()) {
+  if (m.time.has_value() != moves[i + 1].time.has_value())
     s.fail("blend", "joins moves that are timed together: both need time = \"optimal\", or both a time in s");
-  }
 }
 
 }  // namespace
@@ -73,7 +71,7 @@ void read_program(Section& s, Scene& scene) {
   if (s.has("from")) p.from = s.pair("from");
   std::vector<Section> given = s.sections("moves", "reference.moves");
   if (given.empty() || given.size() > moves_max)
-    s.fail("moves", fmt::format("must be 1 to {} tables [[reference.moves]]", moves_max));
+    s.fail("moves", "must be 1 to {} tables [[reference.moves]]", moves_max);
   bool moving = false;
   for (Section& one : given) {
     p.moves.push_back(read_move(one, scene));

@@ -29,15 +29,13 @@ std::string read_bytes(const Section& s, const std::filesystem::path& path) {
   if (path.native().find('\0') != std::string::npos) s.fail("path", "must be a file name, without NUL");
   if (!std::filesystem::is_regular_file(path, error)) {
     const bool there = std::filesystem::exists(path, error);
-    s.fail("path", fmt::format("names {}: {}",
-                               there ? "something that is not a regular file" : "a file that does not exist",
-                               path.string()));
+    s.fail("path", "names {}: {}",
+           there ? "something that is not a regular file" : "a file that does not exist", path.string());
   }
   std::ifstream file(path, std::ios::binary);
   std::ostringstream bytes;
   if (file && file.peek() != std::ifstream::traits_type::eof()) bytes << file.rdbuf();
-  if (!file.is_open() || file.bad())
-    s.fail("path", fmt::format("names a file that cannot be read: {}", path.string()));
+  if (!file.is_open() || file.bad()) s.fail("path", "names a file that cannot be read: {}", path.string());
   return bytes.str();
 }
 
@@ -79,7 +77,7 @@ void read_path(Section& s, Scene& scene, double longest) {
       throw InputError(where,
                        "three finite numbers t,x,y and nothing else are needed, t from 0 and ascending");
     }
-    if (p->t > longest) throw InputError(where, fmt::format("t must be at most {:g} s", longest));
+    if (p->t > longest) refuse_at(where, "t must be at most {:g} s", longest);
     out.push_back(*p);
   }
   if (out.size() < 3)
@@ -104,8 +102,8 @@ void read_reference(Section s, Scene& scene) {
       length += std::hypot(b[0] - a[0], b[1] - a[1]);
     }
     if (const double seconds = length / r.speed; !(seconds <= longest)) {
-      s.fail("speed", fmt::format("is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed",
-                                  seconds, longest));
+      s.fail("speed", "is too slow: the polyline would take {:.3g} s, at most {:g} s are allowed", seconds,
+             longest);
     }
   }
   s.finish();

@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -36,8 +34,9 @@ void read_mechanism(Section s, Scene& scene) {
   const auto one = s.section("leg");
   const auto two = five_bar ? s.sections("legs", "mechanism.leg") : std::vector<Section>{};
   if (one.has_value() == (five_bar && s.has("legs"))) {
-    s.fail("", five_bar ? "[mechanism] needs either leg = {...} for both legs or [[mechanism.legs]] twice"
-                        : "[mechanism] of an rr needs leg = {...}");
+    s.fail("", "[mechanism] {}",
+           five_bar ? "needs either leg = {...} for both legs or [[mechanism.legs]] twice"
+                    : "of an rr needs leg = {...}");
   }
   if (!one && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
   for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
@@ -75,7 +74,7 @@ FiveBarParams<double> read_belief(Section& s, Scene& scene) {
   read_mechanism(root.required_section("mechanism"), other);
   root.throw_errors();
   if (other.type != scene.type)
-    s.fail("mechanism", "names a scene of another type of mechanism: " + path.string());
+    s.fail("mechanism", "names a scene of another type of mechanism: {}", path.string());
   scene.companions.push_back({model_copy, std::move(text), path.string()});
   return other.mechanism;
 }
@@ -117,8 +116,7 @@ void require_alike(const Section& s, const char* key, const std::vector<double>&
   if (values.empty()) return;
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
   if (*largest > most * *least)
-    s.fail(key, fmt::format("must not differ by more than a factor of {:g}: {:g} and {:g}", most, *least,
-                            *largest));
+    s.fail(key, "must not differ by more than a factor of {:g}: {:g} and {:g}", most, *least, *largest);
 }
 
 std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
@@ -133,10 +131,8 @@ std::vector<Waveform> read_waveforms(Section& control, std::size_t motors) {
     s.finish();
     out.push_back(w);
   }
-  if (out.size() != motors) {
-    control.fail("torque",
-                 fmt::format("must have {} entries for law = \"open_loop\", one per motor", motors));
-  }
+  if (out.size() != motors)
+    control.fail("torque", "must have {} entries for law = \"open_loop\", one per motor", motors);
   return out;
 }
 
@@ -210,8 +206,8 @@ void read_control(Section s, Scene& scene) {
     s.fail("preload", "needs control.motors = \"all\": two motors have no torque that moves nothing");
   for (std::size_t i = 0; i < scene.preload.size() && i < scene.torque_limit.size(); ++i) {
     if (std::abs(scene.preload[i]) > scene.torque_limit[i])
-      s.fail("preload", fmt::format("must be within torque_limit: motor {} has {} N m of {} N m", i + 1,
-                                    scene.preload[i], scene.torque_limit[i]));
+      s.fail("preload", "must be within torque_limit: motor {} has {} N m of {} N m", i + 1, scene.preload[i],
+             scene.torque_limit[i]);
   }
   if (const auto model = s.section("model")) read_model(*model, scene);
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
@@ -275,9 +271,8 @@ void read_simulation(Section s, Scene& scene) {
   if (!scene.accuracy && s.has("accuracy_of")) s.fail("accuracy_of", "needs 'accuracy'");
   s.finish();
   if (scene.tick() / scene.step > substeps_max) {
-    s.fail("step",
-           fmt::format("cuts a control tick of {:g} s into more than {:g} steps: {:g} s or more is needed",
-                       scene.tick(), substeps_max, scene.tick() / substeps_max));
+    s.fail("step", "cuts a control tick of {:g} s into more than {:g} steps: {:g} s or more is needed",
+           scene.tick(), substeps_max, scene.tick() / substeps_max);
   }
   const double ticks = scene.duration * scene.rate_hz;
   if (ticks < 0.5 || ticks > 2e9) s.fail("duration", "must hold between 1 and 2e9 control ticks");
@@ -311,7 +306,7 @@ void read_sections(Section& root, Scene& scene) {
   if (!fd && scene.data_bitrate != 0)
     bus.fail("data_bitrate", "is for CAN FD, which drives.protocol = \"moteus\" alone speaks");
   if (fd && scene.data_bitrate < scene.bitrate)
-    bus.fail("data_bitrate", fmt::format("must be at least bus.bitrate, {}", scene.bitrate));
+    bus.fail("data_bitrate", "must be at least bus.bitrate, {}", scene.bitrate);
   bus.finish();
   read_simulation(root.required_section("simulation"), scene);
   scene.control_where = root.where("control");

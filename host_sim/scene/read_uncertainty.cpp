@@ -1,7 +1,5 @@
 #include "host_sim/scene/reader.hpp"
 
-#include <fmt/format.h>
-
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -9,7 +7,7 @@ namespace {
 
 Interval ordered(const Section& s, const char* key, const std::array<double, 2>& r) {
   if (!(r[0] <= r[1]))
-    s.fail(key, fmt::format("must be [lower, upper] with lower <= upper, not [{:g}, {:g}]", r[0], r[1]));
+    s.fail(key, "must be [lower, upper] with lower <= upper, not [{:g}, {:g}]", r[0], r[1]);
   return {r[0], r[1]};
 }
 
@@ -21,8 +19,8 @@ Interval factor(Section& s, const char* key) {
   const double h = r->front();
   if (!(h < 1.0))
     s.fail(key,
-           fmt::format(
-               "is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h));
+
+           "is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h);
   return {1.0 - h, 1.0 + h};
 }
 
@@ -31,8 +29,7 @@ Interval offset(Section& s, const char* key) {
   const auto r = s.number_or_pair(key);
   if (!r) return {};
   if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
-  if (!(r->front() >= 0.0))
-    s.fail(key, fmt::format("must be a half width >= 0, or [lower, upper]; not {:g}", r->front()));
+  if (!(r->front() >= 0.0)) s.fail(key, "must be a half width >= 0, or [lower, upper]; not {:g}", r->front());
   return {-r->front(), r->front()};
 }
 
@@ -40,8 +37,8 @@ std::optional<std::array<Interval, 4>> per_joint(Section& s, const char* key, bo
   if (!s.has(key)) return std::nullopt;
   const auto given = s.pairs(key);
   if (given.size() != 2 && !(five_bar && given.size() == 4)) {
-    s.fail(key, five_bar ? "must have [lower, upper] for each of the two joints of a leg, or for all four"
-                         : "must have [lower, upper] for each of the two joints");
+    s.fail(key, "must have [lower, upper] for each of the two joints{}",
+           five_bar ? " of a leg, or for all four" : "");
   }
   std::array<Interval, 4> out;
   for (std::size_t i = 0; i < 4; ++i) out[i] = ordered(s, key, given[given.size() == 4 ? i : i % 2]);
@@ -65,9 +62,8 @@ void read_uncertainty(Section s, Scene& scene) {
     u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
   const double carried = five_bar ? scene.mechanism.m0 * scene.model.effector_mass : 0.0;
   if (!(carried + u.payload.lower >= 0.0)) {
-    s.fail("payload",
-           fmt::format("takes away more than the {:g} kg that the controller believes at the effector",
-                       carried));
+    s.fail("payload", "takes away more than the {:g} kg that the controller believes at the effector",
+           carried);
   }
   u.viscous = per_joint(s, "viscous", five_bar);
   u.coulomb = per_joint(s, "coulomb", five_bar);

@@ -89,10 +89,6 @@ void Section::wrong(const toml::node& node, const std::string& key, const std::s
   note(place(node, file_), text);
 }
 
-void Section::fail(const std::string& key, const std::string& what) const {
-  throw InputError(where(key), key.empty() ? what : fmt::format("'{}' {}", full(key), what));
-}
-
 double Section::checked(const toml::node& node, const std::string& key) const {
   const Key& k = spec(key);
   const auto value = node.value<double>();

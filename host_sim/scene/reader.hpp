@@ -1,6 +1,7 @@
 #pragma once
 /// Typed access to a TOML table that checks every value against the key table and names file, line and key.
 
+#include <fmt/format.h>
 #include <toml++/toml.h>
 #include <array>
 #include <memory>
@@ -116,8 +117,13 @@ class Section {
   /// with the number of the others.
   void throw_errors() const;
 
-  /// Throws InputError "FILE:LINE: 'section.key' what"; with an empty key: "FILE:LINE: what".
-  [[noreturn]] void fail(const std::string& key, const std::string& what) const;
+  /// Throws InputError "FILE:LINE: 'section.key' what"; with an empty key: "FILE:LINE: what". `what` is
+  /// formatted with the values.
+  template <class... T>
+  [[noreturn]] void fail(const std::string& key, fmt::format_string<T...> what, T&&... values) const {
+    throw InputError(where(key), (key.empty() ? "" : "'" + full(key) + "' ") +
+                                     fmt::format(what, std::forward<T>(values)...));
+  }
 
  private:
   /// Null: the key is not given. Throws where it is missing and `required`.

@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -55,11 +53,10 @@ class Starter {
   void at_position(V2 p, V2 v) {
     const auto take = [&](const auto& theta) {
       if (!theta) {
-        throw InputError(
+        refuse_at(
             where_,
-            fmt::format(
-                "({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its base <= l1 + l2",
-                p.x, p.y));
+            "({}, {}) cannot be reached: every leg needs |l1 - l2| <= distance from its base <= l1 + l2", p.x,
+            p.y);
       }
       scene_.start_angle.assign(theta->begin(), theta->end());
     };
@@ -88,10 +85,8 @@ class Starter {
                b = leg_tip(scene_.mechanism.legs[1], {q[2], q[3]});
       const double gap = std::hypot(scene_.mechanism.l0 + a.x - (-scene_.mechanism.l0 - b.x), a.y - b.y);
       if (gap <= 1e-6) return;
-      throw InputError(
-          where_,
-          fmt::format("the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
-                      gap));
+      refuse_at(where_, "the four joint angles do not close: the leg tips are {:.3g} m apart (allowed: 1e-6)",
+                gap);
     }
     if (scene_.assembly_mode == 0) {
       throw InputError(
@@ -106,19 +101,18 @@ class Starter {
   void check_modes() {
     const auto& q = scene_.start_angle;
     for (std::size_t j = 0; j < q.size() / 2; ++j) {
-      if (scene_.closed_loop() && !(std::sin(q[2 * j + 1]) * scene_.working_mode[j] > 0.0)) {
-        throw InputError(
-            where_, fmt::format("at the start leg {} does not bend as mechanism.working_mode says", j + 1));
-      }
+      if (scene_.closed_loop() && !(std::sin(q[2 * j + 1]) * scene_.working_mode[j] > 0.0))
+        refuse_at(where_, "at the start leg {} does not bend as mechanism.working_mode says", j + 1);
     }
     if (scene_.type != MechanismType::five_bar) return;
     const double d2 = type2_sine({q[0], q[1], q[2], q[3]});
     const int sign = d2 > 0.0 ? 1 : -1;
     if (scene_.assembly_mode == 0) scene_.assembly_mode = sign;
     if (scene_.assembly_mode != sign) {
-      throw InputError(where_, fmt::format("at the start sin(phi12 + phi22) = {:.3g}: "
-                                           "mechanism.assembly_mode must be \"{}\", or start elsewhere",
-                                           d2, sign > 0 ? "+" : "-"));
+      refuse_at(where_,
+                "at the start sin(phi12 + phi22) = {:.3g}: mechanism.assembly_mode must be \"{}\", or start "
+                "elsewhere",
+                d2, sign > 0 ? "+" : "-");
     }
   }
 

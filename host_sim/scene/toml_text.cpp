@@ -54,8 +54,7 @@ struct Depth {
 
 /// Refuses a text that is longer or nested deeper than any scene: the parser would run out of stack.
 void require_shallow(const std::string& text, const std::string& name) {
-  if (text.size() > text_max)
-    throw InputError("", fmt::format("{}: {} bytes, at most {} are taken", name, text.size(), text_max));
+  if (text.size() > text_max) refuse("{}: {} bytes, at most {} are taken", name, text.size(), text_max);
   Depth depth;
   int line = 1;
   for (std::size_t at = 0; at < text.size(); ++at) {
@@ -87,8 +86,8 @@ void require_shallow(const std::string& text, const std::string& name) {
       depth.parts = 0;
     }
     if (depth.brackets > depth_max || depth.parts > depth_max) {
-      throw InputError(name.starts_with(set_mark) ? name : fmt::format("{}:{}", name, line),
-                       fmt::format("keys or brackets nested more than {} deep", depth_max));
+      refuse_at(name.starts_with(set_mark) ? name : fmt::format("{}:{}", name, line),
+                "keys or brackets nested more than {} deep", depth_max);
     }
   }
 }
@@ -139,7 +138,7 @@ bool typed(const toml::node& node) {
 std::size_t entry_of(const toml::array& list, const std::string& key, const std::string& name,
                      const toml::node& node) {
   const auto refuse_key = [&](const std::string& what) {
-    throw InputError("", fmt::format("{}: '{}' has {}", *node.source().path, name, what));
+    refuse("{}: '{}' has {}", *node.source().path, name, what);
   };
   if (is_number(key)) {
     const std::size_t i = key.size() < 6 ? std::stoul(key) : 0;
@@ -215,8 +214,7 @@ void collect_sets(const toml::node& node, std::vector<std::string>& out) {
 toml::table parse_override(const std::string& set) {
   const std::size_t equals = set.find('=');
   const std::string label = std::string(set_mark) + one_line(set);
-  if (equals == std::string::npos || equals == 0)
-    throw InputError("", label + ": section.key=value is needed");
+  if (equals == std::string::npos || equals == 0) refuse("{}: section.key=value is needed", label);
   require_shallow(set, label);
   try {
     return toml::parse(set, label);
@@ -225,14 +223,14 @@ toml::table parse_override(const std::string& set) {
     constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
     if (word.empty() || word.find_first_not_of(bare) != std::string::npos)
-      throw InputError(
-          "", label +
-                  ": neither a TOML value nor a bare word (letters, digits, . _ / + -); quote it: --set '" +
-                  set.substr(0, equals + 1) + "\"...\"'");
+      refuse(
+          "{}: neither a TOML value nor a bare word (letters, digits, . _ / + -); quote it: --set "
+          "'{}\"...\"'",
+          label, set.substr(0, equals + 1));
     try {
       return toml::parse(set.substr(0, equals + 1) + "\"" + word + "\"", label);
     } catch (const toml::parse_error&) {
-      throw InputError("", label + ": section.key=value is needed");
+      refuse("{}: section.key=value is needed", label);
     }
   }
 }
@@ -312,9 +310,9 @@ thread_local const std::string *read_file = nullptr, *read_text = nullptr;  // o
 std::string read_stream(std::istream& in, const std::string& file) {
   std::string text(text_max + 1, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (in.bad()) throw InputError("", file + ": cannot be read");
+  if (in.bad()) refuse("{}: cannot be read", file);
   if (in.gcount() > static_cast<std::streamsize>(text_max))
-    throw InputError("", fmt::format("{}: more than {} bytes, no scene is that long", file, text_max));
+    refuse("{}: more than {} bytes, no scene is that long", file, text_max);
   text.resize(static_cast<std::size_t>(in.gcount()));
   return text;
 }
@@ -322,12 +320,10 @@ std::string read_stream(std::istream& in, const std::string& file) {
 }  // namespace
 
 std::string read_text_file(const std::string& file, const std::string& what) {
-  if (std::filesystem::is_directory(file))
-    throw InputError("", fmt::format("{}: is a directory, a {} is needed", file, what));
-  if (!std::filesystem::is_regular_file(file))
-    throw InputError("", fmt::format("{}: no such {}", file, what));
+  if (std::filesystem::is_directory(file)) refuse("{}: is a directory, a {} is needed", file, what);
+  if (!std::filesystem::is_regular_file(file)) refuse("{}: no such {}", file, what);
   std::ifstream in(file, std::ios::binary);
-  if (!in.is_open()) throw InputError("", file + ": cannot be read");
+  if (!in.is_open()) refuse("{}: cannot be read", file);
   return read_stream(in, file);
 }
 
@@ -352,8 +348,8 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
     merge_overrides(root, sets);
     return root;
   } catch (const toml::parse_error& e) {
-    throw InputError(fmt::format("{}:{}", name, e.source().begin.line),
-                     "not valid TOML: " + one_line(e.description()));
+    refuse_at(fmt::format("{}:{}", name, e.source().begin.line), "not valid TOML: {}",
+              one_line(e.description()));
   }
 }
 

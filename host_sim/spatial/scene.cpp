@@ -150,10 +150,9 @@ void read_sections(Section& root, SpatialScene& scene) {
   const double ticks = scene.duration * scene.rate_hz;
   if (ticks < 0.5 || ticks > 4e9) simulation.fail("duration", "must hold between 1 and 4e9 control ticks");
   if (scene.tick() / scene.step > 1e6)
-    simulation.fail(
-        "step",
-        fmt::format("cuts a control tick of {:g} s into more than 1e6 steps: {:g} s or more is needed",
-                    scene.tick(), scene.tick() / 1e6));
+    simulation.fail("step",
+                    "cuts a control tick of {:g} s into more than 1e6 steps: {:g} s or more is needed",
+                    scene.tick(), scene.tick() / 1e6);
   simulation.finish();
   root.finish();
 }
