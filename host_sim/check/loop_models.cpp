@@ -168,7 +168,7 @@ template <class M>
 StateSpace linear_controller(const Scene& with_friction, const Moment& at) {
   Scene scene = with_friction;  // at rest, dry friction that the controller believes in has no slope
   scene.whole = std::make_shared<const Scene>(with_friction);
-  scene.model.coulomb = {};
+  scene.model.friction.dry = {};
   std::erase_if(scene.effects, [](const Effect& e) { return std::holds_alternative<CoulombFriction>(e); });
   const auto reference = make_reference(scene, Pacing::lockstep);
   const ControllerConfig<M> c = resting_controller<M>(scene, reference);

@@ -34,20 +34,7 @@ typename M::Pose start_pose(const Scene& scene, const M& m) {
 /// With the friction of the plant, and `payload`, kg, at the effector.
 FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
   FiveBarParams<double> truth = scene.mechanism;
-  if (const auto f = find_effect<CoulombFriction>(scene.effects)) {
-    for (std::size_t j = 0; j < 2; ++j) {
-      truth.legs[j].gamma1 = f->torque[2 * j];
-      truth.legs[j].gamma2 = f->torque[2 * j + 1];
-      truth.legs[j].asymmetry1 = f->asymmetry[2 * j];
-      truth.legs[j].asymmetry2 = f->asymmetry[2 * j + 1];
-    }
-  }
-  if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
-    for (std::size_t j = 0; j < 2; ++j) {
-      truth.legs[j].d1 = f->coefficient[2 * j];
-      truth.legs[j].d2 = f->coefficient[2 * j + 1];
-    }
-  }
+  set_friction(truth, friction_of(scene.effects).value_or(JointFriction{}));
   return with_payload(truth, scene.type == MechanismType::rr, payload);
 }
 

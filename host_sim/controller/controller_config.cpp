@@ -146,23 +146,9 @@ FiveBarParams<double> believed_mechanism(const Scene& scene) {
   p.l0 *= f.half_base;
   p.m0 *= f.effector_mass;
   p.g *= f.gravity;
-  PerJoint viscous = f.viscous, coulomb = f.coulomb, asymmetry = f.asymmetry;
-  if (f.exact_friction) {
-    viscous = find_effect<ViscousFriction>(scene.effects).value_or(ViscousFriction{}).coefficient;
-    const CoulombFriction dry = find_effect<CoulombFriction>(scene.effects).value_or(CoulombFriction{});
-    coulomb = dry.torque;
-    asymmetry = dry.asymmetry;
-  }
-  for (std::size_t j = 0; j < 2; ++j) {
-    LegParams<double>& leg = p.legs[j];
+  for (LegParams<double>& leg : p.legs)
     for (const LegKey& k : leg_keys) leg.*k.value *= f.*k.factor;
-    leg.d1 = viscous[2 * j];
-    leg.d2 = viscous[2 * j + 1];
-    leg.gamma1 = coulomb[2 * j];
-    leg.gamma2 = coulomb[2 * j + 1];
-    leg.asymmetry1 = asymmetry[2 * j];
-    leg.asymmetry2 = asymmetry[2 * j + 1];
-  }
+  set_friction(p, f.exact_friction ? friction_of(scene.effects).value_or(JointFriction{}) : f.friction);
   return p;
 }
 

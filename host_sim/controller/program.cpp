@@ -12,24 +12,8 @@ namespace {
 
 /// A mechanism without friction, with a point mass at its effector.
 FiveBarParams<double> frictionless(FiveBarParams<double> p, bool arm, double payload) {
-  for (LegParams<double>& leg : p.legs)
-    leg.d1 = leg.d2 = leg.gamma1 = leg.gamma2 = leg.asymmetry1 = leg.asymmetry2 = 0.0;
+  set_friction(p, {});
   return with_payload(p, arm, payload);
-}
-
-/// Friction of the scene's effects; without such effects what the controller believes.
-plan::Friction friction_of(const Scene& scene) {
-  const ProgramScene& p = scene.reference.program;
-  if (p.friction) return {p.viscous, p.coulomb, p.asymmetry};
-  const FiveBarParams<double> b = believed_mechanism(scene);
-  plan::Friction out;
-  for (std::size_t j = 0; j < 4; ++j) {
-    const LegParams<double>& leg = b.legs[j / 2];
-    out.viscous[j] = j % 2 == 0 ? leg.d1 : leg.d2;
-    out.dry[j] = j % 2 == 0 ? leg.gamma1 : leg.gamma2;
-    out.asymmetry[j] = j % 2 == 0 ? leg.asymmetry1 : leg.asymmetry2;
-  }
-  return out;
 }
 
 /// All numbers that a plan depends on: equal lists, equal plans.
@@ -92,7 +76,7 @@ plan::Problem<M> program_problem(const Scene& scene) {
   p.controller.mechanism = make_mechanism(frictionless(believed, arm, 0.0), static_cast<M*>(nullptr));
   if (program.payload > 0.0)
     p.loaded = make_mechanism(frictionless(believed, arm, program.payload), static_cast<M*>(nullptr));
-  p.friction = friction_of(scene);
+  p.friction = program.friction.value_or(friction_of(believed));
   p.moves = program.moves;
   p.repeat = scene.reference.repeat;
   p.start = {program.start[0], program.start[1]};

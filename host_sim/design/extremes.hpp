@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "firmware/cycle/instances.hpp"
+#include "host_sim/scene/friction.hpp"
 #include "host_sim/scene/uncertainty.hpp"
 
 namespace esmc::host::design {
@@ -203,7 +204,8 @@ class Uncertain {
   static constexpr int legs = M::joints / 2, bars = M::joints;
   static constexpr int first = M::channels - 8 * legs;  ///< row of leg 1: 2 for the 5R, 0 for RR
 
-  explicit Uncertain(const Problem<M>& p) : p_(&p), mass_(p.controller.mechanism.mass()) {
+  explicit Uncertain(const Problem<M>& p)
+      : p_(&p), mass_(p.controller.mechanism.mass()), friction_(friction_of(p.believed)) {
     const auto& u = p.uncertainty;
     const auto times = [](const Interval& f, double v) { return Interval{f.lower * v, f.upper * v}; };
     for (int b = 0; b < bars; ++b) {
@@ -213,9 +215,8 @@ class Uncertain {
       box_[b] = {
           times(outer ? u.m2 : u.m1, m), times(outer ? u.J2 : u.J1, J), outer ? u.lg2 : u.lg1, {m, J, 0.0}};
       const auto j = static_cast<std::size_t>(b);
-      const double d = outer ? leg.d2 : leg.d1, dry = outer ? leg.gamma2 : leg.gamma1;
-      viscous_[j] = u.viscous ? (*u.viscous)[j] : Interval{d, d};
-      dry_[j] = u.coulomb ? (*u.coulomb)[j] : Interval{dry, dry};
+      viscous_[j] = interval_of(u.viscous, friction_.viscous, j);
+      dry_[j] = interval_of(u.coulomb, friction_.dry, j);
     }
   }
 
@@ -284,11 +285,8 @@ class Uncertain {
   /// Believed less true friction of a joint, N m. `swing`: variation of the independent rates in the tube:
   /// where the joint may come to rest, dry friction is anything up to its limit.
   [[nodiscard]] Span friction(const State<M>& s, int joint, double swing) const {
-    const auto& leg = p_->believed.legs[static_cast<std::size_t>(joint / 2)];
-    const bool outer = joint % 2 == 1;
-    const double rate = joint_rate(s.track.rates, joint), d = outer ? leg.d2 : leg.d1,
-                 dry = outer ? leg.gamma2 : leg.gamma1;
     const auto j = static_cast<std::size_t>(joint);
+    const double rate = joint_rate(s.track.rates, joint), d = friction_.viscous[j], dry = friction_.dry[j];
     Span out = nothing;
     for (const double v : {viscous_[j].lower, viscous_[j].upper}) out.hold((d - v) * rate);
     const double sign = rate > 0 ? 1.0 : (rate < 0 ? -1.0 : 0.0);
@@ -296,7 +294,7 @@ class Uncertain {
     for (const double g : {dry_[j].lower, dry_[j].upper}) stick.hold((dry - g) * sign);
     const int row = first + 8 * (joint / 2) + joint % 2;
     if (std::abs(rate) <= swing * std::hypot(s.column[0][row], s.column[1][row])) {
-      const double most = dry_[j].upper + std::abs(outer ? leg.asymmetry2 : leg.asymmetry1);
+      const double most = dry_[j].upper + std::abs(friction_.asymmetry[j]);
       stick.hold(most);
       stick.hold(-most);
     }
@@ -417,6 +415,7 @@ class Uncertain {
   const Problem<M>* p_;
   Channels mass_;
   List<Box, bars> box_{};
+  JointFriction friction_;  // as believed
   std::array<Interval, 4> viscous_{}, dry_{};
 };
 

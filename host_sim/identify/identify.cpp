@@ -42,11 +42,9 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
   p.window = o.window;
   p.observer_bandwidth = o.observer_bandwidth;
   p.nominal = standard_values(believed, p.five_bar);
-  for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg) {
-    p.asymmetry[2 * leg] = believed.legs[leg].asymmetry1;
-    p.asymmetry[2 * leg + 1] = believed.legs[leg].asymmetry2;
+  p.asymmetry = friction_of(believed).asymmetry;
+  for (std::size_t leg = 0; leg < (p.five_bar ? 2U : 1U); ++leg)
     p.rotor[2 * leg + 1] = believed.legs[leg].rotor2;
-  }
 
   const auto joints = joint_names(scene.type);
   const std::size_t second = joints.size() / 2;

@@ -31,17 +31,12 @@ class Refused : public std::runtime_error {
   std::string key_;
 };
 
-/// Friction of the joints in the order of the model.
-struct Friction {
-  std::array<double, 4> viscous{}, dry{}, asymmetry{};  ///< N m s/rad, N m
-};
-
 /// Input of a plan: the believed mechanism and the limits. Nothing of the plant.
 template <class M>
 struct Problem {
   ControllerConfig<M> controller;  ///< mechanism (without friction), mode, limits, motors
   std::optional<M> loaded;         ///< with the payload: limits hold with and without it
-  Friction friction;
+  JointFriction friction;
   std::vector<MoveScene> moves;
   bool repeat = false;
   Vec2<double> start = Vec2<double>::Zero();       ///< of the effector, m

@@ -20,7 +20,8 @@ Part& part_of(Scene& s) {
   } else if constexpr (std::is_same_v<Part, UncertaintyScene>) {
     return *s.uncertainty;
   } else {
-    return std::get<Part&>(std::tie(s, s.mechanism, s.model, s.reference, s.initial, s.limits, s.drives));
+    return std::get<Part&>(
+        std::tie(s, s.mechanism, s.model, s.model.friction, s.reference, s.initial, s.limits, s.drives));
   }
 }
 /// The field of the part_of() a scene that has it.

@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "host_sim/effects/effects.hpp"
 #include "host_sim/names.hpp"
+#include "host_sim/scene/friction.hpp"
 
 namespace esmc::host {
 
@@ -49,8 +49,7 @@ struct ProgramScene {
   std::optional<std::array<double, 2>> from;  ///< effector, m; unset: where the scene starts
   std::vector<MoveScene> moves;
   std::array<double, 2> start{}, start_base{};  ///< effector, m, and base joints, rad
-  PerJoint viscous{}, coulomb{}, asymmetry{};   ///< friction of the effects, N m s/rad, N m
-  bool friction = false;                        ///< the scene has such effects; else the believed friction
+  std::optional<JointFriction> friction;        ///< of the effects; unset: the believed friction
   double payload = 0.0;                         ///< kg, of the effect
   double drive_torque = std::numeric_limits<double>::infinity();  ///< N m that every drive can give for ever
 };

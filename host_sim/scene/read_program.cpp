@@ -93,15 +93,7 @@ void complete_program(Scene& scene) {
             : ends_there ? last->to
                          : std::array{tip.x + (five_bar ? scene.mechanism.l0 : 0.0), tip.y};
   p.start_base = {q[0], q[five_bar ? 2 : 1]};
-  if (const auto f = find_effect<ViscousFriction>(scene.effects)) {
-    p.viscous = f->coefficient;
-    p.friction = true;
-  }
-  if (const auto f = find_effect<CoulombFriction>(scene.effects)) {
-    p.coulomb = f->torque;
-    p.asymmetry = f->asymmetry;
-    p.friction = true;
-  }
+  p.friction = friction_of(scene.effects);
   if (const auto f = find_effect<Payload>(scene.effects)) p.payload = f->mass;
   if (const auto f = find_effect<TorqueSaturation>(scene.effects)) p.drive_torque = f->limit;
   if (const auto f = find_effect<ThermalLimit>(scene.effects))

@@ -86,7 +86,7 @@ void read_model(Section s, Scene& scene) {
   if (s.is_table("friction")) {
     Section friction = s.required_section("friction");
     friction.read_fields(scene);
-    require_friction(friction, f.coulomb, f.asymmetry, "coulomb");
+    require_friction(friction, f.friction.dry, f.friction.asymmetry, "coulomb");
     friction.finish();
   } else {
     f.exact_friction = s.text("friction") == "exact";

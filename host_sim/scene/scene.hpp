@@ -14,6 +14,7 @@
 #include "host_sim/effects/effects.hpp"
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/scene/drive_defects.hpp"
+#include "host_sim/scene/friction.hpp"
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/odrive_endpoints.hpp"
 #include "host_sim/scene/program.hpp"
@@ -32,9 +33,8 @@ struct ModelFactors {
   double half_base = 1, effector_mass = 1, gravity = 1;
   double l1 = 1, l2 = 1, lg1 = 1, lg2 = 1, m1 = 1, m2 = 1, J1 = 1, J2 = 1;
   bool exact_friction = false;
-  PerJoint viscous{}, coulomb{},
-      asymmetry{};                     ///< believed friction, N m s/rad, N m; unused with exact_friction
-  PerJoint torque_factor{1, 1, 1, 1};  ///< given over commanded torque of motor i
+  JointFriction friction;                                          ///< unused with exact_friction
+  PerJoint torque_factor{1, 1, 1, 1};                              ///< given over commanded torque of motor i
   PerJoint ripple_amplitude{}, ripple_per_turn{}, ripple_phase{};  ///< of motor i, N m, -, rad
   /// True if the model assumes ideal motors.
   [[nodiscard]] bool plain_motors() const {

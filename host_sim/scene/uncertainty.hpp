@@ -29,4 +29,10 @@ struct UncertaintyScene {
   bool workspace = false;      ///< gains for every place of the workspace, not only for the reference
 };
 
+/// Friction of joint j; without given intervals what the controller believes.
+[[nodiscard]] inline Interval interval_of(const std::optional<std::array<Interval, 4>>& given,
+                                          const std::array<double, 4>& believed, std::size_t j) {
+  return given ? (*given)[j] : Interval{believed[j], believed[j]};
+}
+
 }  // namespace esmc::host

@@ -24,17 +24,6 @@ class Draw {
   bool corner_;
 };
 
-/// The joints' friction as the controller believes it, in the order of the effects.
-std::array<Interval, 4> believed_friction(const FiveBarParams<double>& p, bool dry) {
-  std::array<Interval, 4> out;
-  for (std::size_t j = 0; j < 4; ++j) {
-    const auto& leg = p.legs[j / 2];
-    const double v = dry ? (j % 2 == 0 ? leg.gamma1 : leg.gamma2) : (j % 2 == 0 ? leg.d1 : leg.d2);
-    out[j] = {v, v};
-  }
-  return out;
-}
-
 bool within(double v, const Interval& i) {
   const double slack = 1e-9 * std::max(std::abs(i.lower), std::abs(i.upper));
   return v >= i.lower - slack && v <= i.upper + slack;
@@ -69,11 +58,7 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   Scene out = scene;
   out.model = {};  // `believed` includes the factors
   out.believed = belief;
-  for (std::size_t j = 0; j < 4; ++j) {
-    out.model.viscous[j] = believed_friction(belief, false)[j].lower;
-    out.model.coulomb[j] = believed_friction(belief, true)[j].lower;
-    out.model.asymmetry[j] = j % 2 == 0 ? belief.legs[j / 2].asymmetry1 : belief.legs[j / 2].asymmetry2;
-  }
+  out.model.friction = friction_of(belief);
   FiveBarParams<double>& truth = out.mechanism;
   truth = belief;
   const auto about = [](double half) { return Interval{1.0 - half, 1.0 + half}; };
@@ -90,8 +75,8 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
       leg.l1 *= l1;
       leg.l2 *= l2;
     }
-    leg.d1 = leg.d2 = leg.gamma1 = leg.gamma2 = 0.0;  // the plant's are effects
   }
+  set_friction(truth, {});  // the plant's are effects
   const double base = draw.in(about(u.half_base));
   if (lengths && !rr) truth.l0 *= base;
   truth.g *= draw.in(u.gravity);
@@ -105,16 +90,16 @@ Scene sampled_plant(const Scene& scene, std::uint64_t seed, std::uint64_t index,
   } else {
     truth.m0 += load;
   }
-  const auto friction = [&](const auto& given, bool dry) {
-    const std::array<Interval, 4> range = given ? *given : believed_friction(belief, dry);
+  const auto friction = [&](const auto& given, const PerJoint& believed) {
     PerJoint v{};
-    for (std::size_t j = 0; j < 4; ++j) v[j] = draw.in(range[j]);
+    for (std::size_t j = 0; j < 4; ++j) v[j] = draw.in(interval_of(given, believed, j));
     return v;
   };
-  const PerJoint viscous = friction(u.viscous, false), dry = friction(u.coulomb, true);
+  const PerJoint viscous = friction(u.viscous, out.model.friction.viscous),
+                 dry = friction(u.coulomb, out.model.friction.dry);
   const auto any = [](const PerJoint& v) { return std::ranges::any_of(v, [](double x) { return x > 0.0; }); };
   if (any(viscous)) out.effects.emplace_back(ViscousFriction{viscous});
-  if (any(dry)) out.effects.emplace_back(CoulombFriction{dry, 0.0, out.model.asymmetry});
+  if (any(dry)) out.effects.emplace_back(CoulombFriction{dry, 0.0, out.model.friction.asymmetry});
   delay(out);
   set_start(out, scene.control_where, scene.reference_where);
   return out;
@@ -135,8 +120,7 @@ std::vector<std::string> outside(const Scene& scene) {
     judge("true / believed " + what, is / believed, allowed);
   };
   const bool rr = scene.type == MechanismType::rr;
-  const auto viscous = find_effect<ViscousFriction>(scene.effects);
-  const auto dry = find_effect<CoulombFriction>(scene.effects);
+  const JointFriction is = friction_of(scene.effects).value_or(JointFriction{}), known = friction_of(belief);
   const auto load = find_effect<Payload>(scene.effects);
   for (std::size_t j = 0; j < (rr ? 1U : 2U); ++j) {
     const auto &t = truth.legs[j], &b = belief.legs[j];
@@ -155,12 +139,9 @@ std::vector<std::string> outside(const Scene& scene) {
   const double added = (load ? load->mass : 0.0) + (rr ? 0.0 : truth.m0 - belief.m0);
   judge("mass at the effector beyond the believed one", added, u.payload);
   for (std::size_t j = 0; j < (rr ? 2U : 4U); ++j) {
-    const auto known = [&](const auto& given, bool is_dry) {
-      return given ? (*given)[j] : believed_friction(belief, is_dry)[j];
-    };
-    judge(fmt::format("viscous friction of joint {}", j + 1), viscous ? viscous->coefficient[j] : 0.0,
-          known(u.viscous, false));
-    judge(fmt::format("dry friction of joint {}", j + 1), dry ? dry->torque[j] : 0.0, known(u.coulomb, true));
+    judge(fmt::format("viscous friction of joint {}", j + 1), is.viscous[j],
+          interval_of(u.viscous, known.viscous, j));
+    judge(fmt::format("dry friction of joint {}", j + 1), is.dry[j], interval_of(u.coulomb, known.dry, j));
   }
   return out;
 }

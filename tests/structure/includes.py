@@ -54,7 +54,7 @@ RULES = [
     ("boards", False, BOARDS),
     ("boards/linux", True, rf"{BOARDS}|hal/linux/.*"),
     ("host_sim", False, rf"<.*>|hal/.*|host_sim/[a-z_]+\.hpp|{SHARED}"),
-    ("host_sim/design", True, rf"{STD}|<fmt/.*>|firmware/.*|host_sim/(design/.*|scene/uncertainty\.hpp)"),
+    ("host_sim/design", True, rf"{STD}|<fmt/.*>|firmware/.*|host_sim/(design/.*|scene/(friction|uncertainty)\.hpp)"),
 ]
 
 # The rooms of host_sim from the bottom up: what they may see of firmware, and which rooms below them. Files that lie in host_sim
