@@ -1,8 +1,6 @@
 #include "host_sim/controller/program.hpp"
 
 #include <algorithm>
-#include <deque>
-#include <mutex>
 
 #include "host_sim/controller/numbers.hpp"
 #include "host_sim/error.hpp"
@@ -21,32 +19,20 @@ template <class M>
 std::vector<double> numbers_of(const Scene& scene, const plan::Problem<M>& p) {
   const auto& c = p.controller;
   std::vector<double> out;
-  const FiveBarParams<double> b = believed_mechanism(scene);
   put(out, M::joints, c.motors, c.sensors, c.torque_limit, c.limits.min_abs_sin_type1,
-      c.limits.min_abs_sin_type2, c.limits.joint_speed, p.tick, p.repeat, p.start, p.start_base, b.l0, b.m0,
-      b.g, b.legs[0], b.legs[1], scene.reference.program.payload, p.loaded.has_value(),
-      p.uncertain.has_value());
+      c.limits.min_abs_sin_type2, c.limits.joint_speed, p.tick, p.repeat, p.start, p.start_base,
+      believed_mechanism(scene), scene.reference.program.payload, p.loaded.has_value(), p.friction.viscous,
+      p.friction.dry, p.friction.asymmetry, scene.working_mode, scene.assembly_mode, p.uncertain.has_value());
   for (const auto& r :
        {c.limits.workspace_x, c.limits.workspace_y, c.limits.joint_angle[0], c.limits.joint_angle[1]})
     put(out, r.lower, r.upper);
-  for (const auto& list : {p.friction.viscous, p.friction.dry, p.friction.asymmetry})
-    put(out, list[0], list[1], list[2], list[3]);
-  put(out, scene.working_mode[0], scene.working_mode[1], scene.assembly_mode);
   for (const MoveScene& m : p.moves) {
-    put(out, m.kind, m.to[0], m.to[1], m.via[0], m.via[1], m.blend, m.speed.value_or(-1.0),
-        m.acceleration.value_or(-1.0), m.jerk.value_or(-1.0), m.time.value_or(-1.0),
+    put(out, m.kind, m.to, m.via, m.blend, m.speed, m.acceleration, m.jerk, m.time,
         static_cast<double>(m.through.size()), static_cast<double>(m.working_mode.size()));
-    for (const auto& point : m.through) put(out, point[0], point[1]);
+    for (const auto& point : m.through) put(out, point);
     for (const int mode : m.working_mode) put(out, mode);
   }
-  if (p.uncertain) {
-    const UncertaintyScene& u = p.uncertain->uncertainty;
-    put(out, c.law, u.m1, u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload);
-    for (const auto& joints : {u.viscous, u.coulomb}) {
-      put(out, joints.has_value());
-      if (joints) put(out, (*joints)[0], (*joints)[1], (*joints)[2], (*joints)[3]);
-    }
-  }
+  if (p.uncertain) put(out, c.law, p.uncertain->uncertainty);
   return out;
 }
 
@@ -96,27 +82,10 @@ plan::Plan planned(const plan::Problem<M>& p) {
 }
 
 std::shared_ptr<const plan::Plan> planned_program(const Scene& scene) {
-  struct Known {
-    std::vector<double> of;
-    std::shared_ptr<const plan::Plan> plan;
-  };
-  static std::mutex mutex;
-  static std::deque<Known> known;  // every look at a reference asks for it
-  constexpr std::size_t known_max = 32;
+  static Known<std::shared_ptr<const plan::Plan>> known;  // every look at a reference asks for it
   return with_mechanism<double>(scene, [&]<class M>(const M*) {
     const plan::Problem<M> p = program_problem<M>(scene);
-    const std::vector<double> key = numbers_of(scene, p);
-    {
-      const std::lock_guard lock(mutex);
-      for (const Known& k : known) {
-        if (k.of == key) return k.plan;
-      }
-    }
-    const auto made = std::make_shared<const plan::Plan>(planned(p));
-    const std::lock_guard lock(mutex);
-    known.push_back({key, made});
-    if (known.size() > known_max) known.pop_front();
-    return made;
+    return known.get(numbers_of(scene, p), [&] { return std::make_shared<const plan::Plan>(planned(p)); });
   });
 }
 

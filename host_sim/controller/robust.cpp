@@ -1,7 +1,5 @@
 #include "host_sim/controller/robust.hpp"
 
-#include <deque>
-#include <mutex>
 #include <numbers>
 
 #include "host_sim/controller/numbers.hpp"
@@ -150,22 +148,16 @@ template <class M>
 std::vector<double> numbers_of(const Problem<M>& p) {
   const auto& c = p.controller;
   const auto& own = c.gains.independent;
-  const FiveBarParams<double>& b = p.believed;
   const UncertaintyScene& u = p.uncertainty;
   std::vector<double> out;
   put(out, c.law, c.reaching, c.sample_time, p.told_ticks, p.lag, c.motors, c.sensors, c.reference.space,
       c.limits.min_abs_sin_type1, c.limits.min_abs_sin_type2, p.along_time, static_cast<double>(p.joining),
       p.bounds.speed, p.bounds.acceleration, p.bounds.late, c.gains.lambda, c.gains.layer, own.lambda,
-      own.layer, c.torque_limit, c.torque_weight, c.preload, b.l0, b.m0, b.g, b.legs[0], b.legs[1], u.m1,
-      u.m2, u.J1, u.J2, u.lg1, u.lg2, u.gravity, u.payload, u.tube.value_or(0.0), u.reaching_time);
+      own.layer, c.torque_limit, c.torque_weight, c.preload, p.believed, u, u.tube, u.reaching_time);
   if constexpr (M::joints == 4) {
     put(out, c.mode.working[0], c.mode.working[1], c.mode.assembly);
   } else {
     put(out, c.mode.working);
-  }
-  for (const auto& joints : {u.viscous, u.coulomb}) {
-    put(out, joints.has_value());
-    if (joints) put(out, (*joints)[0], (*joints)[1], (*joints)[2], (*joints)[3]);
   }
   for (const Point& at : p.points) {
     for (const Motion2<double>& m : {at.now, at.before}) put(out, m.position, m.velocity, m.acceleration);
@@ -193,33 +185,20 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
 
 template <class M>
 RobustGains<M> robust_gains(const Scene& scene, Pacing pacing) {
-  struct Known {
-    std::vector<double> of;
+  struct Answer {
     std::string refused;
     RobustGains<M> gains;
   };
-  static std::mutex mutex;
-  static std::deque<Known> known;  // a sweep makes its controller thousands of times
-  constexpr std::size_t known_max = 32;
+  static Known<Answer> known;  // a sweep makes its controller thousands of times
   const Problem<M> p = design_problem<M>(scene, pacing);
-  const std::vector<double> key = numbers_of(p);
-  const auto answer = [&](const Known& k) {
-    if (!k.refused.empty()) refuse_at(scene.uncertainty_where, "gain = \"robust\": {}", k.refused);
-    return k.gains;
-  };
-  {
-    const std::lock_guard lock(mutex);
-    for (const Known& k : known) {
-      if (k.of == key) return answer(k);
-    }
-  }
-  const design::Design<M> d = design::design(p);
-  Known now{key, d.refused, {p.controller.gains, d.stiffness}};
-  if (d.refused.empty()) design::apply(p, d, now.gains.gains);
-  const std::lock_guard lock(mutex);
-  known.push_back(now);
-  if (known.size() > known_max) known.pop_front();
-  return answer(now);
+  const Answer answer = known.get(numbers_of(p), [&] {
+    const design::Design<M> d = design::design(p);
+    Answer made{d.refused, {p.controller.gains, d.stiffness}};
+    if (d.refused.empty()) design::apply(p, d, made.gains.gains);
+    return made;
+  });
+  if (!answer.refused.empty()) refuse_at(scene.uncertainty_where, "gain = \"robust\": {}", answer.refused);
+  return answer.gains;
 }
 
 template <class M>
