@@ -47,9 +47,8 @@ typename System::State state_of(const Scene& scene, const System& system, const 
   using Plant = typename World::Plant;
   typename System::State y{};
   typename Plant::Joints angle{}, rate{};
-  const auto d =
-      desired_at_effector(mechanism, mode_of(scene, static_cast<M*>(nullptr)), Vec2<double>(x.head<2>()),
-                          Vec2<double>(x.segment<2>(2)), Vec2<double>::Zero().eval());
+  const auto d = desired_at_effector(mechanism, mode_of<M>(scene), Vec2<double>(x.head<2>()),
+                                     Vec2<double>(x.segment<2>(2)), Vec2<double>::Zero().eval());
   if (!d) return y;  // not within a difference of a pose that is regular
   const auto every = M::angles(d->pose), speed = joints_of<M>(d->rates);
   for (int i = 0; i < M::joints; ++i) {
@@ -77,7 +76,7 @@ StateSpace linear_plant(const Scene& scene, const Moment& at) {
   const auto attached = attach(smooth_effects(scene), scene.motor_joints(), nullptr, false);
   attached->loads.begin(t);
   System system(plant, *attached);
-  const M mechanism = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
+  const M mechanism(params_of<M>(scene.mechanism));
   const auto motors = static_cast<Eigen::Index>(scene.motors());
   const auto drives = static_cast<Eigen::Index>(system.size() - System::work - 1);
   constexpr std::size_t of_drives = System::work + 1;

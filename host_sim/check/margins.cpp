@@ -81,8 +81,8 @@ class Follower {
         bundle_(make_reference(scene, Pacing::lockstep)),
         controller_(allocating_controller<M>(scene, bundle_)),
         reference_(bundle_.get()) {
-    controller_.mechanism = make_mechanism(true_mechanism(scene, 0.0), static_cast<M*>(nullptr));
-    if (payload_) loaded_ = make_mechanism(true_mechanism(scene, payload_->mass), static_cast<M*>(nullptr));
+    controller_.mechanism = M(params_of<M>(true_mechanism(scene, 0.0)));
+    if (payload_) loaded_ = M(params_of<M>(true_mechanism(scene, payload_->mass)));
     if (reference_.kind == ReferenceKind::hold_start)
       reference_.centre = start_pose(scene, controller_.mechanism).effector;
     out_.together = controller_.allocate != nullptr;
@@ -100,7 +100,7 @@ class Follower {
 
   Margins run() {
     const M& m = controller_.mechanism;
-    const typename M::Mode mode = mode_of(scene_, static_cast<M*>(nullptr));
+    const typename M::Mode mode = mode_of<M>(scene_);
     const std::uint32_t ticks = std::min<std::uint32_t>(tick_count(scene_), 2'000'000U);
     for (std::uint32_t n = 0; n < ticks; ++n) {
       if (stop_requested()) throw Interrupted("interrupted");
@@ -270,13 +270,13 @@ class Follower {
 std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double least) {
   return with_world(scene, [&]<class World>(World) -> std::optional<Moment> {
     using M = typename World::Mechanism;
-    const M m = make_mechanism(scene.mechanism, static_cast<M*>(nullptr));
+    const M m(params_of<M>(scene.mechanism));
     const auto bundle = make_reference(scene, Pacing::lockstep);
     Reference<double> reference = bundle.get();
     if (reference.kind == ReferenceKind::hold_start) reference.centre = start_pose(scene, m).effector;
     Motion2<double> r = reference.at(tick, scene.tick());
     if (r.velocity.norm() < least) r.velocity.setConstant(least / std::sqrt(2.0));
-    const auto d = desired(m, mode_of(scene, static_cast<M*>(nullptr)), reference.space, r);
+    const auto d = desired(m, mode_of<M>(scene), reference.space, r);
     if (!d) return std::nullopt;
     const Vec<double, M::joints> angle = M::angles(d->pose), rate = joints_of<M>(d->rates);
     Moment out{tick, {}, {}};
@@ -293,7 +293,7 @@ Margins start_margins(const Scene& scene) {
     using M = typename World::Mechanism;
     const Vec2<double> rates(scene.start_rate[joint_of<M>(0, 2)], scene.start_rate[joint_of<M>(1, 2)]);
     Margins out;
-    add_motion<M>(start_pose(scene, make_mechanism(scene.mechanism, static_cast<M*>(nullptr))), rates, out);
+    add_motion<M>(start_pose(scene, M(params_of<M>(scene.mechanism))), rates, out);
     for (std::size_t i = 0; i < 2; ++i) {  // not wrapped, as they are measured
       const double angle = scene.start_angle[joint_of<M>(i, 2)];
       out.angle[i] = {angle, angle};

@@ -112,7 +112,7 @@ std::string constants(const Scene& scene, Pacing pacing,
       static_cast<std::uint32_t>(scene.bitrate), static_cast<std::uint32_t>(scene.data_bitrate),
       static_cast<std::uint32_t>(std::llround(1e9 / scene.rate_hz)), pacing == Pacing::lockstep,
       armed_by_link(scene), M::joints == 4 ? "FiveBar" : "Rr",
-      initialiser(params_of(believed_mechanism(scene), static_cast<M*>(nullptr))), axes.tables,
+      initialiser(params_of<M>(believed_mechanism(scene))), axes.tables,
       path.empty() ? "  constexpr std::span<const PathSegment<Scalar>> path{};\n"
                    : "  static const PathSegment<Scalar> path[] = {\n" + path + "  };\n",
       body, axes.make);

@@ -176,8 +176,8 @@ ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
                                               const ReferenceBundle<typename M::Scalar>& reference) {
   using S = typename M::Scalar;
   ControllerConfig<M> c;
-  c.mechanism = make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr));
-  c.mode = mode_of(scene, static_cast<M*>(nullptr));
+  c.mechanism = M(params_of<M>(believed_mechanism(scene)));
+  c.mode = mode_of<M>(scene);
   c.reference = reference.get();
   c.join_ticks = reference.join_ticks;
   c.limits = make_limits<S>(scene);

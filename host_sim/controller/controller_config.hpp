@@ -56,20 +56,15 @@ FiveBarParams<S> cast(const FiveBarParams<double>& p) {
   return {S(p.l0), S(p.m0), S(p.g), {cast<S>(p.legs[0]), cast<S>(p.legs[1])}};
 }
 
-/// Parameters of the mechanism of a type, chosen by the null pointer. RR takes leg 1 and gravity.
-template <class S>
-FiveBarParams<S> params_of(const FiveBarParams<double>& p, const FiveBar<S>*) {
-  return cast<S>(p);
-}
-/// Parameters of the RR arm: leg 1 and gravity, rounded to S.
-template <class S>
-RrParams<S> params_of(const FiveBarParams<double>& p, const Rr<S>*) {
-  return {cast<S>(p.legs[0]), S(p.g)};
-}
-/// The firmware's mechanism with these parameters; `of` chooses the type and may be null.
+/// The parameters as the mechanism M takes them, in its scalar type. RR takes leg 1 and gravity.
 template <class M>
-M make_mechanism(const FiveBarParams<double>& p, const M* of) {
-  return M(params_of(p, of));
+auto params_of(const FiveBarParams<double>& p) {
+  using S = typename M::Scalar;
+  if constexpr (M::joints == 4) {
+    return cast<S>(p);
+  } else {
+    return RrParams<S>{cast<S>(p.legs[0]), S(p.g)};
+  }
 }
 /// Calls f with a null pointer to the mechanism of a scene in the scalar type S.
 template <class S, class F>
@@ -78,15 +73,14 @@ auto with_mechanism(const Scene& s, const F& f) {
                                            : f(static_cast<Rr<S>*>(nullptr));
 }
 
-/// Working and assembly mode of a scene; the null pointer chooses the type.
-template <class S>
-typename FiveBar<S>::Mode mode_of(const Scene& s, const FiveBar<S>*) {
-  return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
-}
-/// Working mode of an RR scene.
-template <class S>
-typename Rr<S>::Mode mode_of(const Scene& s, const Rr<S>*) {
-  return {s.working_mode[0]};
+/// Working mode of a scene, of the five-bar assembly mode as well.
+template <class M>
+typename M::Mode mode_of(const Scene& s) {
+  if constexpr (M::joints == 4) {
+    return {{{s.working_mode[0], s.working_mode[1]}}, s.assembly_mode};
+  } else {
+    return {s.working_mode[0]};
+  }
 }
 
 /// Number of control ticks of a run.

@@ -59,9 +59,8 @@ plan::Problem<M> program_problem(const Scene& scene) {
     u.believed = believed;
     u.uncertainty = *scene.uncertainty;
   }
-  p.controller.mechanism = make_mechanism(frictionless(believed, arm, 0.0), static_cast<M*>(nullptr));
-  if (program.payload > 0.0)
-    p.loaded = make_mechanism(frictionless(believed, arm, program.payload), static_cast<M*>(nullptr));
+  p.controller.mechanism = M(params_of<M>(frictionless(believed, arm, 0.0)));
+  if (program.payload > 0.0) p.loaded = M(params_of<M>(frictionless(believed, arm, program.payload)));
   p.friction = program.friction.value_or(friction_of(believed));
   p.moves = program.moves;
   p.repeat = scene.reference.repeat;

@@ -35,8 +35,8 @@ class ControllerRecorder {
   ControllerRecorder(const Scene& scene, const LogSink& log)
       : scene_(scene),
         log_(log, columns(scene), tick_count(scene)),
-        mechanism_(make_mechanism(believed_mechanism(scene), static_cast<M*>(nullptr))),
-        mode_(mode_of(scene, static_cast<M*>(nullptr))),
+        mechanism_(params_of<M>(believed_mechanism(scene))),
+        mode_(mode_of<M>(scene)),
         torque_(static_cast<std::size_t>(scene.motors())) {
     statistics_.has_truth = false;
   }

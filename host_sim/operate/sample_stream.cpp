@@ -25,9 +25,9 @@ std::array<double, 2> pair(const Vec2<double>& v) { return {v[0], v[1]}; }
 }  // namespace
 
 std::optional<SpaceMotion> in_other_space(const Scene& scene, link::Space from, const SpaceMotion& motion) {
-  return with_mechanism<double>(scene, [&]<class M>(const M* type) -> std::optional<SpaceMotion> {
-    const M m = make_mechanism(believed_mechanism(scene), type);
-    const auto mode = mode_of(scene, type);
+  return with_mechanism<double>(scene, [&]<class M>(const M*) -> std::optional<SpaceMotion> {
+    const M m(params_of<M>(believed_mechanism(scene)));
+    const auto mode = mode_of<M>(scene);
     const Vec2<double> x = vec(motion.position), v = vec(motion.velocity), none = Vec2<double>::Zero();
     typename M::Pose pose;
     typename M::Rates rates, unused;

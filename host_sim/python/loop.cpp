@@ -156,15 +156,14 @@ void require_used(const Json& state, bool five_bar) {
 
 /// Adds effector and its velocity to a state that gives joints.
 void close_chain(const Scene& scene, Json& state) {
-  const FiveBar<double> m = make_mechanism(scene.mechanism, static_cast<FiveBar<double>*>(nullptr));
+  const FiveBar<double> m(params_of<FiveBar<double>>(scene.mechanism));
   const auto theta = state["theta"].get<std::vector<double>>();
   auto rate = state.value("thetad", std::vector<double>(theta.size(), 0.0));
   if ((theta.size() != 2 && theta.size() != 4) || rate.size() != theta.size())
     refuse("state: 'theta' and 'thetad' need 2 or 4 entries each");
   const std::size_t second = theta.size() / 2;
-  const auto e =
-      estimate_from_base(m, mode_of(scene, static_cast<FiveBar<double>*>(nullptr)),
-                         Vec2<double>(theta[0], theta[second]), Vec2<double>(rate[0], rate[second]));
+  const auto e = estimate_from_base(m, mode_of<FiveBar<double>>(scene), Vec2<double>(theta[0], theta[second]),
+                                    Vec2<double>(rate[0], rate[second]));
   if (!e) refuse("state: these base angles close no loop in the scene's assembly mode");
   if (theta.size() == 2) {
     state.erase("theta");

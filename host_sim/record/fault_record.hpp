@@ -18,9 +18,7 @@ class FaultFinder {
   using M = typename World::Mechanism;
 
   explicit FaultFinder(const Scene& s)
-      : scene_(s),
-        mechanism_(make_mechanism(believed_mechanism(s), static_cast<M*>(nullptr))),
-        mode_(mode_of(s, static_cast<M*>(nullptr))) {}
+      : scene_(s), mechanism_(params_of<M>(believed_mechanism(s))), mode_(mode_of<M>(s)) {}
 
   /// Notes a tick of the controller; the first one with a fault counts.
   void see(const TickResult<M>& r, const Sample<M>& now) {

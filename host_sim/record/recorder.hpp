@@ -123,8 +123,8 @@ class ReferenceTrack {
   ReferenceTrack(const Scene& scene, Pacing pacing, bool begins = true)
       : bundle_(std::make_unique<ReferenceBundle<double>>(make_reference(scene, pacing))),
         present_(begins && scene.reference.type != ReferenceType::none),
-        mechanism_(make_mechanism(scene.mechanism, static_cast<M*>(nullptr))),
-        mode_(mode_of(scene, static_cast<M*>(nullptr))),
+        mechanism_(params_of<M>(scene.mechanism)),
+        mode_(mode_of<M>(scene)),
         joined_(bundle_->get(), bundle_->join_ticks, scene.tick()),
         same_(bundle_->join_ticks == 0 && bundle_->get().kind != ReferenceKind::hold_start &&
               !scene.predictor),
