@@ -2,7 +2,6 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <utility>
 
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/controller/program.hpp"
@@ -23,65 +22,44 @@ Vec2<double> vec(const std::array<double, 2>& a) { return {a[0], a[1]}; }
 
 Motion2<double> at_rest(const std::array<double, 2>& p) { return {vec(p), {0, 0}, {0, 0}}; }
 
-/// Rest-to-rest segments through corners, each lasting a whole number of ticks.
-class RestPath {
- public:
-  explicit RestPath(double tick) : tick_(tick) {}
-  void add(const std::array<double, 2>& from, const std::array<double, 2>& to, double seconds) {
-    const auto ticks = static_cast<std::uint32_t>(std::max(1.0, std::round(seconds / tick_)));
-    segments_.push_back({now_, 0.0, Quintic<double>::between(at_rest(from), at_rest(to), ticks * tick_)});
-    now_ += ticks;
-  }
-  [[nodiscard]] std::uint32_t ticks() const { return now_; }
-  [[nodiscard]] std::vector<PathSegment<double>> take() { return std::move(segments_); }
-
- private:
-  double tick_;
-  std::uint32_t now_ = 0;
-  std::vector<PathSegment<double>> segments_;
-};
-
-/// Straight sides of a line or a polyline, at rest in every corner.
+/// Straight sides of a line or a polyline, at rest in every corner; each lasts a whole number of ticks.
 void straight_sides(const ReferenceScene& r, double tick, ReferenceBundle<double>& out) {
   out.reference.kind = ReferenceKind::path;
-  RestPath path(tick);
-  const bool line = r.type == ReferenceType::line;
-  const auto side = [&](std::size_t a, std::size_t b) {
-    const double length = std::hypot(r.points[b][0] - r.points[a][0], r.points[b][1] - r.points[a][1]);
-    path.add(r.points[a], r.points[b], line ? r.duration : length / r.speed);
-  };
-  for (std::size_t i = 0; i + 1 < r.points.size(); ++i) side(i, i + 1);
-  if (r.repeat) {
-    side(r.points.size() - 1, 0);
-    out.reference.repeat_ticks = path.ticks();
+  const std::size_t corners = r.points.size(), sides = r.repeat ? corners : corners - 1;
+  std::uint32_t now = 0;
+  for (std::size_t i = 0; i < sides; ++i) {
+    const auto &a = r.points[i], &b = r.points[(i + 1) % corners];
+    const double seconds =
+        r.type == ReferenceType::line ? r.duration : std::hypot(b[0] - a[0], b[1] - a[1]) / r.speed;
+    const auto ticks = static_cast<std::uint32_t>(std::max(1.0, std::round(seconds / tick)));
+    out.path.push_back({now, 0.0, Quintic<double>::between(at_rest(a), at_rest(b), ticks * tick)});
+    now += ticks;
   }
-  out.path = path.take();
+  if (r.repeat) out.reference.repeat_ticks = now;
 }
 
 /// Velocities and accelerations at the points of a table from natural cubic splines, then quintics between.
 std::vector<PathSegment<double>> through_points(const std::vector<PathPoint>& points, double tick) {
   const std::size_t n = points.size();
-  const auto value = [&](std::size_t i) { return Vec2<double>(points[i].x, points[i].y); };
-  const auto span = [&](std::size_t i) { return points[i + 1].t - points[i].t; };
   std::vector<Vec2<double>> at;
-  std::vector<double> spans;
-  for (std::size_t i = 0; i < n; ++i) at.push_back(value(i));
-  for (std::size_t i = 0; i + 1 < n; ++i) spans.push_back(span(i));
-  const std::vector<Vec2<double>> m = plan::second_derivatives(at, spans);
+  std::vector<double> span;
+  for (std::size_t i = 0; i < n; ++i) at.emplace_back(points[i].x, points[i].y);
+  for (std::size_t i = 0; i + 1 < n; ++i) span.push_back(points[i + 1].t - points[i].t);
+  const std::vector<Vec2<double>> m = plan::second_derivatives(at, span);
   const auto motion = [&](std::size_t i) {
     const std::size_t k = std::min(i, n - 2);
-    const double h = span(k);
-    const Vec2<double> chord = (value(k + 1) - value(k)) / h;
+    const double h = span[k];
+    const Vec2<double> chord = (at[k + 1] - at[k]) / h;
     const Vec2<double> v = i == k ? Vec2<double>(chord - h / 6.0 * (2.0 * m[k] + m[k + 1]))
                                   : Vec2<double>(chord + h / 6.0 * (m[k] + 2.0 * m[k + 1]));
-    return Motion2<double>{value(i), v, m[i]};
+    return Motion2<double>{at[i], v, m[i]};
   };
   std::vector<PathSegment<double>> out;
   for (std::size_t i = 0; i + 1 < n; ++i) {
     const auto start = static_cast<std::uint32_t>(std::ceil(points[i].t / tick - 1e-9));
     if (!out.empty() && out.back().start_tick == start) out.pop_back();  // it is over before a tick
     out.push_back({start, std::max(0.0, start * tick - points[i].t),
-                   Quintic<double>::between(motion(i), motion(i + 1), span(i))});
+                   Quintic<double>::between(motion(i), motion(i + 1), span[i])});
   }
   return out;
 }
