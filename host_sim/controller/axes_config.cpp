@@ -369,15 +369,7 @@ AnyCycle<M> make_cycle(const Scene& scene, Pacing pacing,
                        const ReferenceBundle<typename M::Scalar>& reference) {
   return std::visit(
       []<class Config>(const Config& c) -> AnyCycle<M> {
-        if constexpr (std::is_same_v<Config, typename OdriveCycle<M>::Config>) {
-          return OdriveCycle<M>(c);
-        } else if constexpr (std::is_same_v<Config, typename Cia402Cycle<M>::Config>) {
-          return Cia402Cycle<M>(c);
-        } else if constexpr (std::is_same_v<Config, typename MitCycle<M>::Config>) {
-          return MitCycle<M>(c);
-        } else {
-          return MoteusCycle<M>(c);
-        }
+        return Cycle<M, typename decltype(c.axes)::value_type>(c);
       },
       make_cycle_config<M>(scene, pacing, reference));
 }
