@@ -14,6 +14,22 @@
 
 namespace esmc::host::design {
 
+/// The part of leg j of a mechanism, a pose or rates.
+template <class T>
+const auto& leg_of(const T& of, [[maybe_unused]] int j) {
+  if constexpr (requires { of.leg(j); }) {
+    return of.leg(j);
+  } else if constexpr (requires { of.leg[j]; }) {
+    return of.leg[j];
+  } else if constexpr (requires { of.arm(); }) {
+    return of.arm();
+  } else if constexpr (requires { of.arm; }) {
+    return of.arm;
+  } else {
+    return of;
+  }
+}
+
 /// A point of the motion.
 struct Point {
   double time = 0.0;       ///< s; 0 for places of the workspace
@@ -236,7 +252,7 @@ class Uncertain {
     Bar out;
     out.angle = base + 2 + i;
     out.x = base + 4 + 2 * i;
-    out.along = axis(s.track.pose, b / 2, i);
+    out.along = leg_of(s.track.pose, b / 2).axis[i];
     out.a = {s.wanted[out.x], s.wanted[out.x + 1]};
     out.alpha = s.wanted[out.angle];
     out.omega = s.rates[out.angle];
@@ -286,7 +302,8 @@ class Uncertain {
   /// where the joint may come to rest, dry friction is anything up to its limit.
   [[nodiscard]] Span friction(const State<M>& s, int joint, double swing) const {
     const auto j = static_cast<std::size_t>(joint);
-    const double rate = joint_rate(s.track.rates, joint), d = friction_.viscous[j], dry = friction_.dry[j];
+    const double rate = leg_of(s.track.rates, joint / 2)[joint % 2], d = friction_.viscous[j],
+                 dry = friction_.dry[j];
     Span out = nothing;
     for (const double v : {viscous_[j].lower, viscous_[j].upper}) out.hold((d - v) * rate);
     const double sign = rate > 0 ? 1.0 : (rate < 0 ? -1.0 : 0.0);
@@ -356,14 +373,6 @@ class Uncertain {
   /// Mass at the effector as believed, kg.
   [[nodiscard]] double own_tip() const { return first > 0 ? mass_[0] : 0.0; }
 
-  [[nodiscard]] static double joint_rate(const typename M::Rates& r, int joint) {
-    if constexpr (first > 0) {
-      return r.leg[joint / 2][joint % 2];
-    } else {
-      return r[joint];
-    }
-  }
-
  private:
   /// Extremes of the rows x, y and phi of bar b, whose parameters are in `of`, under gravity g and payload.
   [[nodiscard]] std::tuple<Span, Span, Span> bar_rows(const State<M>& s, int b, const Bar& bar_at,
@@ -396,13 +405,6 @@ class Uncertain {
       }
     }
     return {x, y, turn};
-  }
-  [[nodiscard]] static Vec2<double> axis(const typename M::Pose& pose, [[maybe_unused]] int leg, int i) {
-    if constexpr (first > 0) {
-      return pose.leg[leg].axis[i];
-    } else {
-      return pose.arm.axis[i];
-    }
   }
   [[nodiscard]] Vec2<double> to_leg(const Vec2<double>& v, [[maybe_unused]] int leg) const {
     if constexpr (first > 0) {

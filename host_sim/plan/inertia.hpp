@@ -3,9 +3,11 @@
 /// leg of two bars. The algorithm of the firmware gives the same by way of all its channels, at five times
 /// the instructions, and a plan evaluates it at every tick.
 
-#include "firmware/cycle/instances.hpp"
+#include "host_sim/design/extremes.hpp"
 
 namespace esmc::host::plan {
+
+using design::leg_of;
 
 /// Force on the effector, N, which an arm has none of, and torques of the joints of every leg, N m.
 struct Forces {
@@ -60,21 +62,6 @@ class Inertia {
       out.leg[j] = {inner + outer, outer + l.rotor * a[1]};
     }
     return out;
-  }
-  /// The part of leg j of a mechanism, a pose or rates.
-  template <class T>
-  static const auto& leg_of(const T& of, int j) {
-    if constexpr (requires { of.leg(j); }) {
-      return of.leg(j);
-    } else if constexpr (requires { of.leg[j]; }) {
-      return of.leg[j];
-    } else if constexpr (requires { of.arm(); }) {
-      return of.arm();
-    } else if constexpr (requires { of.arm; }) {
-      return of.arm;
-    } else {
-      return of;
-    }
   }
 
  private:

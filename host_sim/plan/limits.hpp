@@ -210,15 +210,14 @@ class MotorLimits {
   static Forces friction(const typename M::Rates& r, const std::array<double, 4>& coefficient) {
     Forces out;
     for (int j = 0; j < M::joints; ++j)
-      out.leg[j / 2][j % 2] = coefficient[static_cast<std::size_t>(j)] * Inertia<M>::leg_of(r, j / 2)[j % 2];
+      out.leg[j / 2][j % 2] = coefficient[static_cast<std::size_t>(j)] * leg_of(r, j / 2)[j % 2];
     return out;
   }
   [[nodiscard]] Forces dry(const typename M::Rates& r) const {
     Forces out;
     for (int j = 0; j < M::joints; ++j) {
       const auto u = static_cast<std::size_t>(j);
-      const double rate = Inertia<M>::leg_of(r, j / 2)[j % 2],
-                   sign = rate > 0.0 ? 1.0 : (rate < 0.0 ? -1.0 : 0.0);
+      const double rate = leg_of(r, j / 2)[j % 2], sign = rate > 0.0 ? 1.0 : (rate < 0.0 ? -1.0 : 0.0);
       out.leg[j / 2][j % 2] = p_.friction.dry[u] * sign + (sign != 0.0 ? p_.friction.asymmetry[u] : 0.0);
     }
     return out;
