@@ -226,45 +226,31 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   if (!d.endpoints) return t;
   t.check_version = true;
   t.firmware = d.endpoints->firmware;
-  constexpr float most = std::numeric_limits<float>::max();
+  using enum OdriveValue;
+  constexpr double most = std::numeric_limits<float>::max();
   constexpr double slack = 1e-3;  // of numbers that an operator typed
-  const auto check = [&](const OdriveEndpoint& e, float lower, float upper) {
-    t.checks[t.count++] = {e.id, e.type, lower, upper};
+  struct Allowed {
+    OdriveValue value;
+    double lower, upper;
   };
+  std::vector<Allowed> all{
+      {enable_watchdog, 1, 1},
+      {watchdog_timeout, 1e-3, d.watchdog_timeout * (1.0 + slack)},
+      {control_mode, drive::odrive::control_mode_torque, drive::odrive::control_mode_torque},
+      {input_mode, drive::odrive::input_mode_passthrough, drive::odrive::input_mode_passthrough},
+      {torque_mode_limit, 0, 0},
+      {vel_limit, odrive_vel_limit(scene, i) * (1.0 - slack), most},
+      {overspeed_error, 1, 1},
+      {heartbeat_period, 1, 10}};
+  if (!d.torque_constant.empty()) {
+    const double k = d.torque_constant[i];
+    all.push_back({torque_constant, k * (1.0 - 10.0 * slack), k * (1.0 + 10.0 * slack)});
+    all.push_back({current_limit, odrive_current(scene, i, k) * (1.0 - slack), most});
+  }
   for (const OdriveEndpoint& e : d.endpoints->list) {
-    switch (e.value) {
-      case OdriveValue::enable_watchdog:
-      case OdriveValue::overspeed_error:
-        check(e, 1.0F, 1.0F);
-        break;
-      case OdriveValue::watchdog_timeout:
-        check(e, 1e-3F, static_cast<float>(d.watchdog_timeout * (1.0 + slack)));
-        break;
-      case OdriveValue::control_mode:
-        check(e, drive::odrive::control_mode_torque, drive::odrive::control_mode_torque);
-        break;
-      case OdriveValue::input_mode:
-        check(e, drive::odrive::input_mode_passthrough, drive::odrive::input_mode_passthrough);
-        break;
-      case OdriveValue::torque_mode_limit:
-        check(e, 0.0F, 0.0F);
-        break;
-      case OdriveValue::vel_limit:
-        check(e, static_cast<float>(odrive_vel_limit(scene, i) * (1.0 - slack)), most);
-        break;
-      case OdriveValue::torque_constant:
-        if (d.torque_constant.empty()) break;
-        check(e, static_cast<float>(d.torque_constant[i] * (1.0 - 10.0 * slack)),
-              static_cast<float>(d.torque_constant[i] * (1.0 + 10.0 * slack)));
-        break;
-      case OdriveValue::current_limit:
-        if (d.torque_constant.empty()) break;
-        check(e, static_cast<float>(odrive_current(scene, i, d.torque_constant[i]) * (1.0 - slack)), most);
-        break;
-      case OdriveValue::heartbeat_period:
-        check(e, 1.0F, 10.0F);
-        break;
-    }
+    const auto a = std::ranges::find(all, e.value, &Allowed::value);
+    if (a != all.end())
+      t.checks[t.count++] = {e.id, e.type, static_cast<float>(a->lower), static_cast<float>(a->upper)};
   }
   return t;
 }
