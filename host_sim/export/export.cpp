@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <numbers>
 #include <optional>
 #include <string_view>
 #include <vector>
@@ -25,20 +26,14 @@ struct RigidBar {
   double angle, rate;                          ///< at the start: rad, rad/s
 };
 
-/// Two bars, the proximal one first. Throws InputError for a bar without mass or inertia.
+/// Two bars, the proximal one first.
 struct Chain {
   std::vector<RigidBar> bars;
   double base;    ///< x of the base joint, m
   bool mirrored;  ///< its frame is turned by half a turn about the vertical
 };
-void require_inertia(const Scene& scene, const RigidBar& b) {
-  if (b.mass > 0.0 && b.inertia > 0.0) return;
-  refuse(
-      "{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read MJCF or URDF need m > 0 and J > "
-      "0 (small values will do)",
-      scene.file, b.joint, b.mass, b.inertia);
-}
 
+/// Throws InputError for a bar without mass or inertia.
 std::vector<Chain> chains_of(const Scene& scene) {
   const bool arm = scene.type == MechanismType::rr;
   const auto viscous = find_effect<ViscousFriction>(scene.effects);
@@ -66,7 +61,11 @@ std::vector<Chain> chains_of(const Scene& scene) {
                  .rate = scene.start_rate[i]};
       const std::size_t base = arm ? k : leg;
       if (stops && (arm || k == 0)) b.stops = {stops->lower[base], stops->upper[base]};
-      require_inertia(scene, b);
+      if (!(b.mass > 0.0 && b.inertia > 0.0))
+        refuse(
+            "{}: the bar of {} has m = {} kg and J = {} kg m2; programs that read MJCF or URDF need m > 0 "
+            "and J > 0 (small values will do)",
+            scene.file, b.joint, b.mass, b.inertia);
       chain.bars.push_back(b);
     }
     out.push_back(chain);
@@ -110,23 +109,18 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
   out +=
       "     J acts about the axis of the joints. The other two moments of inertia never act; they are set "
       "equal to it.\n";
-  std::vector<std::string> seen = expressed;
   std::string left;
   if (const auto dry = find_effect<CoulombFriction>(scene.effects); dry && dry->asymmetry != PerJoint{})
     left = "the difference of dry friction between the directions";
   for (const Effect& e : scene.effects) {
     const std::string name = type_name(e);
-    if (std::find(seen.begin(), seen.end(), name) != seen.end()) continue;
-    seen.push_back(name);
-    left += (left.empty() ? "" : ", ") + name;
+    if (std::ranges::find(expressed, name) == expressed.end()) left += (left.empty() ? "" : ", ") + name;
   }
   if (!left.empty()) out += "     Omitted, because this format cannot express it: " + left + ".\n";
   return out;
 }
 
 // ---- MJCF ----
-
-constexpr double half_root = 0.70710678118654752440;  // of 2: the quaternion of a quarter turn
 
 /// MuJoCo's constraints are springs and dampers in acceleration. As stiff as the step allows (solref: time
 /// constant and damping ratio), and as hard as it lets a constraint be (solimp).
@@ -200,8 +194,6 @@ std::string motors(const Scene& scene, const std::vector<Chain>& chains) {
 
 // ---- URDF ----
 
-constexpr double pi = 3.14159265358979323846;
-
 std::string link(const std::string& name, double mass, double centre, double inertia) {
   return fmt::format(
       "  <link name=\"{}\">\n    <inertial>\n      <origin xyz=\"{} 0 0\"/>\n      <mass value=\"{}\"/>\n"
@@ -221,7 +213,7 @@ std::string hinge(const Scene& scene, const RigidBar& b, const std::string& pare
   std::string out = fmt::format(
       "  <joint name=\"{}\" type=\"{}\">\n    <parent link=\"{}\"/>\n    <child link=\"{}\"/>\n"
       "    <origin xyz=\"{} 0 0\" rpy=\"0 {} 0\"/>\n    <axis xyz=\"0 0 1\"/>\n",
-      b.joint, b.stops ? "revolute" : "continuous", parent, b.name, x, mirrored ? pi : 0.0);
+      b.joint, b.stops ? "revolute" : "continuous", parent, b.name, x, mirrored ? std::numbers::pi : 0.0);
   if (b.stops || b.torque_limit) {
     out += "    <limit";
     if (b.stops) out += fmt::format(" lower=\"{}\" upper=\"{}\"", (*b.stops)[0], (*b.stops)[1]);
@@ -253,6 +245,7 @@ std::string mjcf(const Scene& scene) {
     out +=
         "     The tips of bar12 and bar22 are held together by a constraint. The bodies stand in the start "
         "pose, where it is met.\n";
+  constexpr double quarter = std::numbers::sqrt2 / 2.0;  // the quaternion of a quarter turn
   out += fmt::format(
       "-->\n<mujoco model=\"{}\">\n"
       "  <compiler angle=\"radian\" inertiafromgeom=\"false\"/>\n"
@@ -260,7 +253,7 @@ std::string mjcf(const Scene& scene) {
       "tolerance=\"1e-14\"/>\n"
       "  <default><geom contype=\"0\" conaffinity=\"0\" rgba=\"0.3 0.5 0.7 1\"/></default>\n"
       "  <worldbody>\n    <body name=\"frame\" quat=\"{} {} 0 0\">\n{}    </body>\n  </worldbody>\n",
-      xml_text(scene.name), scene.step, -scene.mechanism.g, half_root, half_root, bodies);
+      xml_text(scene.name), scene.step, -scene.mechanism.g, quarter, quarter, bodies);
   if (scene.type == MechanismType::five_bar) {
     out += fmt::format(
         "  <equality>\n    <connect name=\"closure\" body1=\"bar12\" body2=\"bar22\" anchor=\"{} 0 0\" "
@@ -293,7 +286,7 @@ std::string urdf(const Scene& scene) {
       "-->\n<robot name=\"{}\">\n  <link name=\"world\"/>\n  <link name=\"base\"/>\n"
       "  <joint name=\"frame\" type=\"fixed\">\n    <parent link=\"world\"/>\n    <child link=\"base\"/>\n"
       "    <origin xyz=\"0 0 0\" rpy=\"{} 0 0\"/>\n  </joint>\n",
-      xml_text(scene.name), pi / 2.0);
+      xml_text(scene.name), std::numbers::pi / 2.0);
   for (const Chain& c : chains) {
     std::string parent = "base";
     double x = c.base;
