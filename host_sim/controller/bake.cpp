@@ -72,13 +72,6 @@ std::string line_text(const Scene& scene) {
              : "{}";
 }
 
-template <class S>
-void require_room(const Scene& scene, const ReferenceBundle<S>& reference) {
-  if (reference.path.size() <= segments_max) return;
-  refuse_at(scene.reference_where, "a path of {} pieces does not fit into a board's memory; allowed are {}",
-            reference.path.size(), segments_max);
-}
-
 /// All constants of the image.
 template <class M>
 std::string constants(const Scene& scene, Pacing pacing,
@@ -121,7 +114,9 @@ std::string constants(const Scene& scene, Pacing pacing,
 template <class M>
 std::string header(const Scene& scene, Pacing pacing) {
   const auto reference = make_reference<typename M::Scalar>(scene, pacing);
-  require_room(scene, reference);
+  if (const std::size_t pieces = reference.path.size(); pieces > segments_max)
+    refuse_at(scene.reference_where, "a path of {} pieces does not fit into a board's memory; allowed are {}",
+              pieces, segments_max);
   return fmt::format(
              "// Made by esmc bake {} from the scene \"{}\". Not to be edited.\n"
              "#pragma once\n\n"

@@ -46,23 +46,21 @@ std::string initialiser(const Eigen::Matrix<S, N, 1>& v) {
   return out + ")";
 }
 
+template <class T, class... Of>
+inline constexpr bool one_of = (std::is_same_v<T, Of> || ...);
 /// Number of members of an aggregate that is written as a list of them; 0: of another form.
 template <class T>
 inline constexpr int members = 0;
-template <>
-inline constexpr int members<link::Bounds> = 2;
-template <>
-inline constexpr int members<PhaseClock> = 2;
-template <>
-inline constexpr int members<drive::AxisConfig> = 4;
-template <>
-inline constexpr int members<drive::OdriveCheck> = 4;
-template <>
-inline constexpr int members<drive::OdriveTable> = 4;
-template <>
-inline constexpr int members<drive::MoteusAxis::Settings> = 4;
+template <class T>
+requires one_of<T, link::Bounds, PhaseClock>
+inline constexpr int members<T> = 2;
+template <class T>
+requires one_of<T, drive::AxisConfig, drive::OdriveCheck, drive::OdriveTable, drive::MoteusAxis::Settings>
+inline constexpr int members<T> = 4;
 template <>
 inline constexpr int members<drive::Cia402Settings> = 14;
+template <class S, int Joints>
+inline constexpr int members<MotorMap<S, Joints>> = 4;
 template <class S>
 inline constexpr int members<Range<S>> = 2;
 template <class S>
@@ -160,11 +158,6 @@ std::string initialiser(const Gains<M>& v) {
   const auto& [own_lambda, own_k, own_layer, kp, kd] = own;
   return braces(lambda, k, layer, Code{braces(own_lambda, own_k, own_layer, kp, kd)});
 }
-template <class S, int Joints>
-std::string initialiser(const MotorMap<S, Joints>& v) {
-  const auto& [factor, amplitude, per_turn, phase] = v;
-  return braces(factor, amplitude, per_turn, phase);
-}
 template <class S>
 std::string initialiser(const HomingConfig<S>& v) {
   const auto& [speed, torque, damping, travel, back_off, share] = v;
@@ -220,11 +213,9 @@ template <class Config>
 std::string cycle_text(const Config& v, const std::string& line) {
   const auto& [controller, axes, its_line, count, heartbeat, waiting, confirmed, absolute, zero, mismatch,
                torque_time, timed, link, delay, homing] = v;
-  link::LinkConfig known = link;
-  known.session = 1;
   return "      " + initialiser(controller) + ",\n      {},\n      " + line + ",\n      " +
          list(count, heartbeat, waiting, confirmed, absolute, zero, mismatch, torque_time, timed) +
-         ",\n      " + initialiser(known) + ",\n      " + initialiser(delay) +
+         ",\n      " + initialiser(link) + ",\n      " + initialiser(delay) +
          (homing.travel > 0 ? ",\n      " + initialiser(homing) : "");
 }
 
