@@ -29,10 +29,8 @@ MoveScene read_move(Section& s, const Scene& scene) {
     if (!s.has("through")) s.fail("", "move = \"spline\" needs through = [[x, y], ...], m");
     m.through = s.pairs("through", s.has("to") ? 1 : 2);
   }
-  if (m.kind == MoveKind::joint && s.has("working_mode")) {
-    for (const std::string& sign : s.texts("working_mode", scene.type == MechanismType::five_bar ? 2 : 1))
-      m.working_mode.push_back(sign == "+" ? 1 : -1);
-  }
+  if (m.kind == MoveKind::joint && s.has("working_mode"))
+    m.working_mode = s.signs("working_mode", scene.type == MechanismType::five_bar ? 2 : 1);
   s.use_schema("reference.moves");
   if (const auto to = s.optional_numbers("to", {2})) {
     m.to = {(*to)[0], (*to)[1]};

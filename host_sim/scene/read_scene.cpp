@@ -21,15 +21,13 @@ LegParams<double> read_leg(Section s) {
   return p;
 }
 
-int mode_sign(const std::string& s) { return s == "+" ? 1 : -1; }
-
 void read_mechanism(Section s, Scene& scene) {
   s.read_fields(scene);
   const bool five_bar = scene.type == MechanismType::five_bar;
   if (five_bar) {
     scene.mechanism.l0 = s.number("half_base");
     scene.mechanism.m0 = s.number("effector_mass");
-    if (const auto mode = s.optional_text("assembly_mode")) scene.assembly_mode = mode_sign(*mode);
+    if (const auto mode = s.optional_text("assembly_mode")) scene.assembly_mode = *mode == "+" ? 1 : -1;
   }
   const auto one = s.section("leg");
   const auto two = five_bar ? s.sections("legs", "mechanism.leg") : std::vector<Section>{};
@@ -50,8 +48,7 @@ void read_mechanism(Section s, Scene& scene) {
     if (elbows) leg.rotor2 = rotor[2 * j + 1];
     if (check(leg) == ParamError::rotor) s.fail("rotor_inertia", "of an elbow needs J1 and J2 above 0");
   }
-  const auto modes = s.texts("working_mode", five_bar ? 2 : 1);
-  for (std::size_t j = 0; j < modes.size(); ++j) scene.working_mode[j] = mode_sign(modes[j]);
+  std::ranges::copy(s.signs("working_mode", five_bar ? 2 : 1), scene.working_mode.begin());
   s.finish();
 }
 

@@ -10,11 +10,6 @@
 namespace esmc::host {
 namespace {
 
-bool is_choice(const Key& k, const std::string& value) {
-  return !value.empty() && value.find('|') == std::string::npos &&
-         (" | " + std::string(k.choices) + " | ").find(" | " + value + " | ") != std::string::npos;
-}
-
 /// The words of "a | b | c".
 std::vector<std::string> words_of(std::string_view choices) {
   std::vector<std::string> out;
@@ -24,6 +19,11 @@ std::vector<std::string> words_of(std::string_view choices) {
     choices.remove_prefix(bar == std::string_view::npos ? choices.size() : bar + 3);
   }
   return out;
+}
+
+bool is_choice(const Key& k, const std::string& value) {
+  const std::vector<std::string> words = words_of(k.choices);
+  return std::ranges::find(words, value) != words.end();
 }
 
 /// First component of a path of the key table behind `schema`; empty: there is none.
@@ -139,7 +139,7 @@ bool Section::boolean(const std::string& key) {
 std::optional<std::string> Section::optional_text(const std::string& key) {
   const toml::node* node = find(key, false);
   if (node == nullptr) return std::nullopt;
-  auto value = node->is_string() ? node->value<std::string>() : std::nullopt;
+  auto value = node->value_exact<std::string>();
   if (value && (spec(key).choices.empty() || is_choice(spec(key), *value))) return value;
   wrong(*node, key);
   return first_choice(spec(key));
@@ -228,28 +228,21 @@ std::vector<std::array<double, 2>> Section::pairs(const std::string& key, std::s
   return out;
 }
 
-std::vector<std::string> Section::texts(const std::string& key, std::size_t size) {
+std::vector<int> Section::signs(const std::string& key, std::size_t size) {
   const toml::node* node = find(key);
   const toml::array* list = node != nullptr ? node->as_array() : nullptr;
-  const std::string_view choices = spec(key).choices;
-  const std::string first(choices.substr(0, choices.find(' ')));
-  std::string one = "[\"" + std::string(choices) + "\"]";  // + | -  ->  ["+"] or ["-"]
-  for (std::size_t at = 0; (at = one.find(" | ", at)) != std::string::npos;) one.replace(at, 3, "\"] or [\"");
-  const std::string want = size == 1 ? one
-                                     : fmt::format("an array of {}, each one of: {}; as in [\"{}\", \"{}\"]",
-                                                   size, choices, first, first);
-  std::vector<std::string> out(size, first);
+  const std::string want =
+      size == 1 ? "[\"+\"] or [\"-\"]"
+                : fmt::format("an array of {}, each one of: + | -; as in [\"+\", \"+\"]", size);
+  std::vector<int> out(size, 1);
   if (list == nullptr || list->size() != size) {
     if (node != nullptr) wrong(*node, key, want);
     return out;
   }
   for (std::size_t i = 0; i < size; ++i) {
-    const toml::node& item = *list->get(i);
-    const auto value = item.is_string() ? item.value<std::string>() : std::nullopt;
-    if (value && is_choice(spec(key), *value))
-      out[i] = *value;
-    else
-      wrong(item, key, want);
+    const auto sign = list->get(i)->value_exact<std::string>();
+    if (sign == "-") out[i] = -1;
+    if (sign != "-" && sign != "+") wrong(*list->get(i), key, want);
   }
   return out;
 }

@@ -80,8 +80,8 @@ class Section {
   std::array<double, 2> pair(const std::string& key);  ///< reads [a, b]
   /// Reads an array of `least` or more pairs [a, b]. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t least = 2);
-  /// Reads an array of `size` strings, each one of the key's choices; the key must be without a default.
-  std::vector<std::string> texts(const std::string& key, std::size_t size);
+  /// Reads an array of `size` strings "+" or "-" as 1 or -1; the key must be without a default.
+  std::vector<int> signs(const std::string& key, std::size_t size);
   /// Reads { position, angle } into [position, angle]; a number stands for both.
   std::array<double, 2> per_kind(const std::string& key);
   /// Whether the key is given as a table.
