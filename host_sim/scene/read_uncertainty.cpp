@@ -11,26 +11,16 @@ Interval ordered(const Section& s, const char* key, const std::array<double, 2>&
   return {r[0], r[1]};
 }
 
-/// Truth over belief: a number h stands for [1 - h, 1 + h].
-Interval factor(Section& s, const char* key) {
+/// Truth over belief, where `about` is 1, or less belief, where it is 0: a number h stands for about -+ h.
+Interval around(Section& s, const char* key, double about) {
   const auto r = s.number_or_pair(key);
-  if (!r) return {1, 1};
+  if (!r) return {about, about};
   if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
   const double h = r->front();
-  if (!(h < 1.0))
-    s.fail(key,
-
-           "is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h);
-  return {1.0 - h, 1.0 + h};
-}
-
-/// Truth less belief: a number h stands for [-h, h].
-Interval offset(Section& s, const char* key) {
-  const auto r = s.number_or_pair(key);
-  if (!r) return {};
-  if (r->size() == 2) return ordered(s, key, {(*r)[0], (*r)[1]});
-  if (!(r->front() >= 0.0)) s.fail(key, "must be a half width >= 0, or [lower, upper]; not {:g}", r->front());
-  return {-r->front(), r->front()};
+  if (about == 1.0 && !(h < 1.0))
+    s.fail(key, "is a share: a half width below 1 (0.1 is 10 %), or [lower, upper] as factors; not {:g}", h);
+  if (about == 0.0 && !(h >= 0.0)) s.fail(key, "must be a half width >= 0, or [lower, upper]; not {:g}", h);
+  return {about == 0.0 ? -h : about - h, about + h};
 }
 
 std::optional<std::array<Interval, 4>> per_joint(Section& s, const char* key, bool five_bar) {
@@ -51,13 +41,13 @@ void read_uncertainty(Section s, Scene& scene) {
   const bool five_bar = scene.type == MechanismType::five_bar;
   UncertaintyScene& u = scene.uncertainty.emplace();
   s.read_fields(scene);
-  u.m1 = factor(s, "m1");
-  u.m2 = factor(s, "m2");
-  u.J1 = factor(s, "J1");
-  u.J2 = factor(s, "J2");
-  u.lg1 = offset(s, "lg1");
-  u.lg2 = offset(s, "lg2");
-  u.gravity = factor(s, "gravity");
+  u.m1 = around(s, "m1", 1.0);
+  u.m2 = around(s, "m2", 1.0);
+  u.J1 = around(s, "J1", 1.0);
+  u.J2 = around(s, "J2", 1.0);
+  u.lg1 = around(s, "lg1", 0.0);
+  u.lg2 = around(s, "lg2", 0.0);
+  u.gravity = around(s, "gravity", 1.0);
   if (const auto r = s.optional_numbers("payload", {2}))
     u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
   const double carried = five_bar ? scene.mechanism.m0 * scene.model.effector_mass : 0.0;
