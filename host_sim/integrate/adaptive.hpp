@@ -43,64 +43,48 @@ class Adaptive {
     return out;
   }
 
-  /// Integrates from t0 to t1 >= t0 (s) with steps as the tolerance needs. Only the length of the next step
-  /// is kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
+  /// Integrates from t to t1 > t (s) with steps as the tolerance needs. Only the length of the next step is
+  /// kept for the next call, so inputs of the system may jump between calls. y: the last accepted state in
   /// any case. `stop(t, h, y)` sees each accepted step, of h from t to y; true: the integration ends there.
   template <class Stop = NeverStop>
-  Advance advance(double t0, double t1, State& y, const Tolerance& tol, const Stop& stop = {}) {
+  Advance advance(double t, double t1, State& y, const Tolerance& tol, const Stop& stop = {}) {
     Advance done;
-    done.t = t0;
-    const auto ended = [&](Reason reason) {
-      done.reason = reason;
-      done.slopes = slopes_;
-      return done;
-    };
-    slopes_ = 0;
-    if (!(t0 <= t1 && std::isfinite(t1 - t0))) return ended(Reason::bad_interval);
-    if (!tol.valid()) return ended(Reason::bad_tolerance);
-    if (t0 == t1) return ended(Reason::reached);
-    method().begin(t0, y);
-    if (!all_finite(size(), first_)) return ended(Reason::non_finite);
-    if (!(next_step_ > 0.0)) next_step_ = first_step(t0, t1, y, tol);
+    const double length = t1 - t;
+    method().begin(t, y);
+    if (!all_finite(size(), first_)) return done;
+    if (!(next_step_ > 0.0)) next_step_ = first_step(t, t1, y, tol);
 
-    bool shrunk = false, undefined = false;  // since the last accepted step: rejected, and not finite
-    while (done.t < t1) {
-      if (done.steps + done.rejected >= tol.max_attempts) return ended(Reason::too_many_steps);
-      const double rest = t1 - done.t, wanted = std::min(next_step_, tol.max_step);
+    bool shrunk = false;  // since the last accepted step
+    for (long attempts = 0; t < t1; ++attempts) {
+      if (attempts >= tol.max_attempts) return done;
+      const double rest = t1 - t, wanted = next_step_;
       // Two equal steps instead of a long and a tiny one.
-      const double h = rest <= 1.01 * wanted && rest <= tol.max_step ? rest : std::min(wanted, 0.5 * rest);
+      const double h = rest <= 1.01 * wanted ? rest : std::min(wanted, 0.5 * rest);
       const bool last = h == rest;
-      const double error = method().attempt(done.t, h, y, tol);
+      const double error = method().attempt(t, h, y, tol);
       if (!(error <= 1.0)) {
-        ++done.rejected;
         shrunk = true;
-        undefined = undefined || std::isnan(error);
         next_step_ = h * shrinking(error);
-        if (0.1 * next_step_ > epsilon * std::abs(done.t) && next_step_ > epsilon * epsilon * (t1 - t0))
-          continue;
+        if (0.1 * next_step_ > epsilon * std::abs(t) && next_step_ > epsilon * epsilon * length) continue;
         next_step_ = 0.0;
-        return ended(undefined ? Reason::non_finite : Reason::step_underflow);
+        return done;
       }
       copy_entries(size(), first_, before_);
-      method().accept(done.t, h, y);
+      method().accept(t, h, y);
       ++done.steps;
       next_step_ = h * growth(error, shrunk);
       if (h < wanted) next_step_ = std::max(wanted, next_step_);  // a step cut short says little
-      shrunk = undefined = false;
+      shrunk = false;
       length_ = h;
-      const double from = done.t;
-      done.t = last ? t1 : done.t + h;
-      if (!all_finite(size(), y) || !all_finite(size(), first_)) return ended(Reason::non_finite);
-      if (stop(from, h, y)) return ended(Reason::stopped);
+      const double from = t;
+      t = last ? t1 : t + h;
+      if (!all_finite(size(), y) || !all_finite(size(), first_) || stop(from, h, y)) return done;
     }
-    return ended(Reason::reached);
+    done.ok = true;
+    return done;
   }
 
  protected:
-  void evaluate(double t, const State& y, State& dy) {
-    system_->slope(t, y, dy);
-    ++slopes_;
-  }
   [[nodiscard]] std::size_t size() const { return system_->size(); }
 
   const S* system_;
@@ -108,7 +92,6 @@ class Adaptive {
   State before_{};       ///< slope at the beginning of the step of bend()
   State next_{};         ///< state after the step in hand
   double length_ = 0.0;  ///< of the last accepted step
-  long slopes_ = 0;
 
  private:
   static constexpr double epsilon = std::numeric_limits<double>::epsilon();
@@ -122,7 +105,7 @@ class Adaptive {
     const double h0 = std::min(t1 - t0, d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1);
     for (std::size_t i = 0; i < n; ++i) next_[i] = y[i] + h0 * first_[i];
     State change{};
-    evaluate(t0 + h0, next_, change);
+    system_->slope(t0 + h0, next_, change);
     for (std::size_t i = 0; i < n; ++i) change[i] -= first_[i];
     const double d2 = scaled_norm(n, change, y, y, tol) / h0, largest = std::max(d1, d2);
     const double h1 =

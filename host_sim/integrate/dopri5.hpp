@@ -43,7 +43,7 @@ class Dopri5 : public DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6> {
   double attempt(double t, double h, const State& y, const Tolerance& tol) {
     const std::size_t n = this->size();
     this->stages(t, h, y);
-    this->evaluate(t + h, this->next_, k_[6]);
+    this->system_->slope(t + h, this->next_, k_[6]);
     weighted(n, dopri5::error, k_, h, State{}, work_);
     return all_finite(n, this->next_) ? scaled_norm(n, work_, y, this->next_, tol)
                                       : std::numeric_limits<double>::quiet_NaN();
@@ -55,7 +55,7 @@ class Dopri5 : public DormandPrince<Dopri5<S>, S, dopri5::a, dopri5::c, 6> {
     this->system_->project(this->next_);
     // The last stage is the next slope only while the projection has nothing to do.
     if (!std::equal(work_.begin(), work_.begin() + static_cast<std::ptrdiff_t>(n), this->next_.begin())) {
-      this->evaluate(t + h, this->next_, k_[6]);
+      this->system_->slope(t + h, this->next_, k_[6]);
     }
     this->accept_with_slope(y);
   }

@@ -111,7 +111,8 @@ class Dopri8 : public DormandPrince<Dopri8<S>, S, dopri8::a, dopri8::c, 12> {
 
   void accept(double t, double h, State& y) {
     this->system_->project(this->next_);
-    this->evaluate(t + h, this->next_, k_[12]);  // after the projection: the error has no use for this stage
+    // After the projection: the error has no use for this stage.
+    this->system_->slope(t + h, this->next_, k_[12]);
     this->accept_with_slope(y);
   }
 };

@@ -46,7 +46,7 @@ class DormandPrince : public Adaptive<Method, S> {
   using Adaptive<Method, S>::Adaptive;
 
  protected:
-  void begin(double t, const State& y) { this->evaluate(t, y, this->first_); }
+  void begin(double t, const State& y) { this->system_->slope(t, y, this->first_); }
 
   void compute(double t, double h, State& y) {
     static_assert(c[end - 1] == 1.0);
@@ -78,7 +78,7 @@ class DormandPrince : public Adaptive<Method, S> {
   template <std::size_t s>
   void stage(std::size_t n, double t, double h, const State& y) {
     weighted_row<a, s>(n, k_, h, y, work_);
-    this->evaluate(t + c[s] * h, work_, k_[s]);
+    this->system_->slope(t + c[s] * h, work_, k_[s]);
   }
 };
 

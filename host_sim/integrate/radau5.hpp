@@ -46,7 +46,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
   enum class Newton { solved, diverged, not_finite };
 
   void begin(double t, const State& y) {
-    this->evaluate(t, y, this->first_);
+    this->system_->slope(t, y, this->first_);
     jacobian_known_ = predictable_ = false;
     eagerness_ = 1.0;
   }
@@ -64,7 +64,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
 
   void accept(double t, double h, State& y) {
     finish(y);
-    this->evaluate(t + h, this->next_, this->first_);
+    this->system_->slope(t + h, this->next_, this->first_);
     jacobian_known_ = jacobian_known_ && contraction_ < 1e-3;
     jacobian_current_ = false;
     predictable_ = true;
@@ -155,7 +155,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
     const std::size_t n = this->size();
     for (std::size_t s = 0; s < 3; ++s) {
       for (std::size_t i = 0; i < n; ++i) work_[i] = y[i] + z_[s][i];
-      this->evaluate(t + radau5::c[s] * h, work_, slope_);
+      this->system_->slope(t + radau5::c[s] * h, work_, slope_);
       for (std::size_t i = 0; i < n; ++i) {
         const auto& row = radau5::inverse[s];
         change_[s * n + i] = h * slope_[i] - (row[0] * z_[0][i] + row[1] * z_[1][i] + row[2] * z_[2][i]);
@@ -190,7 +190,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
     };
     if (const double first = estimate(this->first_); !(first >= 1.0)) return first;
     for (std::size_t i = 0; i < n; ++i) work_[i] += y[i];
-    this->evaluate(t, work_, slope_);
+    this->system_->slope(t, work_, slope_);
     return estimate(slope_);
   }
 
@@ -202,7 +202,7 @@ class Radau5 : public Adaptive<Radau5<S>, S> {
           std::sqrt(std::numeric_limits<double>::epsilon() * std::max(1e-5, std::abs(y[j])));
       work_[j] = y[j] + wanted;
       const double d = work_[j] - y[j];
-      this->evaluate(t, work_, slope_);
+      this->system_->slope(t, work_, slope_);
       for (std::size_t i = 0; i < n; ++i) jacobian_[i][j] = (slope_[i] - this->first_[i]) / d;
       work_[j] = y[j];
     }

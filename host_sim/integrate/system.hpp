@@ -32,36 +32,14 @@ concept System = requires(const S& s, double t, const typename S::State& y, type
 /// The error of each step is kept below 1 in the root mean square over the entries in use of
 /// error / (absolute + relative max(|y before|, |y after|)), HNW (II.4.11).
 struct Tolerance {
-  double absolute = 1e-9;  ///< > 0, in the units of y
-  double relative = 1e-9;  ///< >= 0. Below some 1e-14 rounding keeps every step from being accepted
-  double max_step = std::numeric_limits<double>::infinity();  ///< > 0, s
+  double absolute = 1e-9;         ///< > 0, in the units of y
+  double relative = 1e-9;         ///< >= 0. Below some 1e-14 rounding keeps every step from being accepted
   long max_attempts = 1'000'000;  ///< > 0; steps, rejected ones included, in one advance
-
-  [[nodiscard]] bool valid() const {
-    return absolute > 0.0 && relative >= 0.0 && max_step > 0.0 && max_attempts > 0 &&
-           std::isfinite(absolute) && std::isfinite(relative);
-  }
-};
-
-/// Why an advance ended.
-enum class Reason {
-  reached,         ///< at t1
-  bad_interval,    ///< t1 < t0, or not finite: nothing done
-  bad_tolerance,   ///< nothing done
-  non_finite,      ///< slope or error not finite, however short the step
-  step_underflow,  ///< tolerance not met (or implicit equations not solved) however short the step
-  too_many_steps,  ///< max_attempts
-  stopped,         ///< by the caller, after an accepted step
 };
 
 struct Advance {
-  double t = 0.0;  ///< s, of the state y: t1 exactly if reached, else the end of the last accepted step
-  long steps = 0;  ///< accepted
-  long rejected = 0;
-  long slopes = 0;  ///< evaluations of slope, with those for difference Jacobians
-  Reason reason = Reason::reached;
-
-  [[nodiscard]] bool ok() const { return reason == Reason::reached; }
+  long steps = 0;   ///< accepted
+  bool ok = false;  ///< else stopped by the caller, or a slope is not finite or the tolerance not met
 };
 
 /// Copies the first n entries; the others of `to` stay.

@@ -74,7 +74,7 @@ class EventEngine final : public SystemEngine<Plant, EventSystem<Plant>> {
                 return false;
               });
           steps_ += done.steps;
-          if (!done.ok() && !event) return fail();
+          if (!done.ok && !event) return fail();
           t = event ? t : end;
         } else {
           fixed(t, h, event);

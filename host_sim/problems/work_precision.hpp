@@ -188,7 +188,7 @@ void tolerances(const Problem<S>& p, WorkPrecision& out) {
           Method m(*p.system);
           Tolerance t;
           t.absolute = t.relative = tol;
-          if (!m.advance(0.0, p.end, y, t).ok()) y[0] = std::numeric_limits<double>::quiet_NaN();
+          if (!m.advance(0.0, p.end, y, t).ok) y[0] = std::numeric_limits<double>::quiet_NaN();
         },
         point);
     out.points.push_back(point);

@@ -90,15 +90,6 @@ struct RodPendulum {
   }
 };
 
-/// Mass in free fall: y'' = -g.
-struct Ball : Free<2, 1> {
-  double g = 9.81;
-  void slope(double, const State& y, State& dy) const {
-    dy[0] = y[1];
-    dy[1] = -g;
-  }
-};
-
 /// y' = lambda (y - cos t) - sin t, y = cos t: Prothero and Robinson (1974).
 struct ProtheroRobinson : Free<1, 0> {
   double lambda = -1e6;

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <vector>
+#include <utility>
 
 #include "host_sim/integrate/dopri5.hpp"
 #include "host_sim/integrate/dopri8.hpp"
@@ -15,7 +15,7 @@
 namespace esmc::test {
 namespace {
 
-using host::Advance, host::Dopri5, host::Dopri8, host::Radau5, host::Reason, host::Tolerance;
+using host::Advance, host::Dopri5, host::Dopri8, host::Radau5, host::Tolerance;
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
@@ -50,33 +50,14 @@ TYPED_TEST(Adaptive, ErrorFollowsTheTolerance) {
     typename TestFixture::template Method<Kepler> method(kepler);
     auto y = kepler.start();
     const Advance a = method.advance(0.0, 20.0, y, {tol, tol});
-    ASSERT_EQ(a.reason, Reason::reached);
-    EXPECT_EQ(a.t, 20.0);
+    ASSERT_TRUE(a.ok);
     const double error = kepler.error(20.0, y);
     EXPECT_LT(error, 2000.0 * tol);
     EXPECT_LT(error, 0.1 * before);
-    EXPECT_LT(a.rejected, a.steps);
     EXPECT_EQ(y[4], mark);
     EXPECT_EQ(y[5], mark);
     before = error;
   }
-}
-
-struct Counting : Pendulum {
-  long* count = nullptr;
-  void slope(double t, const State& y, State& dy) const {
-    ++*count;
-    Pendulum::slope(t, y, dy);
-  }
-};
-
-TYPED_TEST(Adaptive, CountsEverySlope) {
-  long count = 0;
-  Counting pendulum;
-  pendulum.count = &count;
-  typename TestFixture::template Method<Counting> method(pendulum);
-  Pendulum::State y{2.0, 0.0};
-  EXPECT_EQ(method.advance(0.0, 10.0, y, {1e-8, 1e-8}).slopes, count);
 }
 
 /// Ticks of 1 ms must not hold the step at 1 ms of bookkeeping: what was learned stays.
@@ -84,12 +65,11 @@ TYPED_TEST(Adaptive, RemembersItsStepAcrossCalls) {
   const Pendulum pendulum;
   typename TestFixture::template Method<Pendulum> method(pendulum);
   Pendulum::State y{1.0, 0.0};
-  ASSERT_TRUE(method.advance(0.0, 5.0, y, {1e-8, 1e-8}).ok());
+  ASSERT_TRUE(method.advance(0.0, 5.0, y, {1e-8, 1e-8}).ok);
   for (int i = 0; i < 100; ++i) {
     const Advance a = method.advance(5.0 + 1e-3 * i, 5.0 + 1e-3 * (i + 1), y, {1e-8, 1e-8});
-    ASSERT_TRUE(a.ok());
+    ASSERT_TRUE(a.ok);
     EXPECT_EQ(a.steps, 1);
-    EXPECT_EQ(a.rejected, 0);
   }
 }
 
@@ -100,7 +80,7 @@ TYPED_TEST(Adaptive, ClosureHolds) {
   RodPendulum::State y{std::sin(amplitude), -std::cos(amplitude), 0.0, 0.0};
   const auto start = y;
   for (int i = 0; i < 100; ++i) {
-    ASSERT_TRUE(method.advance(period * i / 100, period * (i + 1) / 100, y, {1e-10, 1e-10}).ok());
+    ASSERT_TRUE(method.advance(period * i / 100, period * (i + 1) / 100, y, {1e-10, 1e-10}).ok);
     EXPECT_LE(RodPendulum::drift(y), 1e-15);
   }
   for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(y[i], start[i], 2e-8) << i;
@@ -115,61 +95,29 @@ struct Halved : Free<1, 0> {
 TYPED_TEST(Adaptive, SlopeIsTakenAfterTheProjection) {
   const Halved halved;
   typename TestFixture::template Method<Halved> method(halved);
-  Tolerance tol{1e-3, 1e-3};
-  tol.max_step = 0.25;
   Halved::State y{1.0};
-  ASSERT_TRUE(method.advance(-4.0, 0.0, y, tol).ok());  // learns that the longest step will do
-  y[0] = 1.0;
-  const Advance a = method.advance(0.0, 1.0, y, tol);
-  ASSERT_EQ(a.steps, 4);
   double expected = 1.0;
-  for (int i = 0; i < 4; ++i) expected = 0.5 * ((expected + 0.5) * std::exp(0.25) - 0.5);
-  EXPECT_NEAR(y[0], expected, 2e-6);
+  const auto follow = [&](double, double h, const Halved::State&) {
+    expected = 0.5 * ((expected + 0.5) * std::exp(h) - 0.5);
+    return false;
+  };
+  ASSERT_TRUE(method.advance(0.0, 1.0, y, {1e-8, 1e-8}, follow).ok);
+  EXPECT_NEAR(y[0], expected, 1e-6);
 }
-
-struct TimedBall : Ball {
-  std::vector<double>* times = nullptr;
-  void slope(double t, const State& y, State& dy) const {
-    times->push_back(t);
-    Ball::slope(t, y, dy);
-  }
-};
 
 TYPED_TEST(Adaptive, LastStepsAreEqualRatherThanOneTiny) {
-  std::vector<double> times;
-  TimedBall ball;
-  ball.times = &times;
-  typename TestFixture::template Method<TimedBall> method(ball);
-  Tolerance tol{1e-6, 1e-6};
-  tol.max_step = 0.4;
-  Ball::State y{1.0, 0.0};
-  ASSERT_TRUE(method.advance(-10.0, 0.0, y, tol).ok());
-  const Advance a = method.advance(0.0, 1.0, y, tol);
-  EXPECT_EQ(a.steps, 3);
-  EXPECT_TRUE(std::ranges::any_of(times, [](double t) { return std::abs(t - 0.7) < 1e-12; }));
-}
-
-TYPED_TEST(Adaptive, ZeroLengthBackwardsAndNonsenseAreRefused) {
-  const Pendulum pendulum;
-  typename TestFixture::template Method<Pendulum> method(pendulum);
-  const Pendulum::State start{1.0, 0.5, mark, mark};
-  auto y = start;
-  const Advance zero = method.advance(2.0, 2.0, y, {});
-  EXPECT_EQ(zero.reason, Reason::reached);
-  EXPECT_EQ(zero.steps, 0);
-  EXPECT_EQ(zero.t, 2.0);
-  const double infinite = std::numeric_limits<double>::infinity();
-  EXPECT_EQ(method.advance(2.0, 1.0, y, {}).reason, Reason::bad_interval);
-  EXPECT_EQ(method.advance(nan, 1.0, y, {}).reason, Reason::bad_interval);
-  EXPECT_EQ(method.advance(0.0, nan, y, {}).reason, Reason::bad_interval);
-  EXPECT_EQ(method.advance(0.0, infinite, y, {}).reason, Reason::bad_interval);
-  for (const Tolerance& bad :
-       {Tolerance{0.0, 1e-6}, Tolerance{-1.0, 1e-6}, Tolerance{nan, 1e-6}, Tolerance{1e-6, -1.0},
-        Tolerance{1e-6, nan}, Tolerance{1e-6, 1e-6, 0.0}, Tolerance{1e-6, 1e-6, nan},
-        Tolerance{1e-6, 1e-6, 1.0, 0}, Tolerance{infinite, 0.0}}) {
-    EXPECT_EQ(method.advance(0.0, 1.0, y, bad).reason, Reason::bad_tolerance);
+  const Kepler kepler;
+  for (double end = 1.0; end < 2.0; end += 0.03) {
+    typename TestFixture::template Method<Kepler> method(kepler);
+    auto y = kepler.start();
+    double last = 0.0, before = 0.0;
+    const auto follow = [&](double, double h, const Kepler::State&) {
+      before = std::exchange(last, h);
+      return false;
+    };
+    ASSERT_TRUE(method.advance(0.0, end, y, {1e-6, 1e-6}, follow).ok);
+    EXPECT_GT(last, 0.2 * before);
   }
-  EXPECT_EQ(y, start);
 }
 
 TYPED_TEST(Adaptive, ShortestIntervalOfALongRunIsOneStep) {
@@ -177,9 +125,7 @@ TYPED_TEST(Adaptive, ShortestIntervalOfALongRunIsOneStep) {
   typename TestFixture::template Method<Pendulum> method(pendulum);
   Pendulum::State y{1.0, 0.0};
   const double t0 = 86400.0, t1 = std::nextafter(t0, 1e9);
-  const Advance a = method.advance(t0, t1, y, {1e-9, 1e-9});
-  EXPECT_EQ(a.reason, Reason::reached);
-  EXPECT_EQ(a.t, t1);
+  EXPECT_TRUE(method.advance(t0, t1, y, {1e-9, 1e-9}).ok);
 }
 
 struct Wall : Free<1, 0> {  // not defined from y = 1 on
@@ -190,41 +136,30 @@ struct Pole : Free<1, 0> {  // y = 1 / (1 - t)
   void slope(double, const State& s, State& dy) const { dy[0] = s[0] * s[0]; }
 };
 
-TYPED_TEST(Adaptive, FailuresHaveAReasonAndAnEnd) {
+TYPED_TEST(Adaptive, FailuresHaveAnEnd) {
   const Wall wall;
   typename TestFixture::template Method<Wall> at_wall(wall);
   Wall::State y{0.0};
-  const Advance stuck = at_wall.advance(0.0, 2.0, y, {1e-9, 1e-9});
-  EXPECT_EQ(stuck.reason, Reason::non_finite);
+  EXPECT_FALSE(at_wall.advance(0.0, 2.0, y, {1e-9, 1e-9}).ok);
   EXPECT_LE(y[0], 1.0);
   EXPECT_GT(y[0], 0.99);
-  EXPECT_NEAR(y[0], stuck.t, 1e-12);
-  EXPECT_LT(stuck.rejected, 500);
   y[0] = 1.5;
-  EXPECT_EQ(at_wall.advance(0.0, 2.0, y, {}).reason, Reason::non_finite);
+  EXPECT_FALSE(at_wall.advance(0.0, 2.0, y, {}).ok);
   EXPECT_EQ(y[0], 1.5);
 
   const Pole pole;
   typename TestFixture::template Method<Pole> at_pole(pole);
   Pole::State p{1.0};
-  const Advance blown = at_pole.advance(0.0, 2.0, p, {1e-9, 1e-9});
-  EXPECT_FALSE(blown.ok());
-  EXPECT_NEAR(blown.t, 1.0, 1e-6);
-  EXPECT_LT(blown.steps + blown.rejected, 100000);
+  EXPECT_FALSE(at_pole.advance(0.0, 2.0, p, {1e-9, 1e-9}).ok);
 
   const Pendulum pendulum;
   typename TestFixture::template Method<Pendulum> method(pendulum);
   Pendulum::State q{1.0, 0.0};
-  Tolerance few{1e-10, 1e-10};
-  few.max_attempts = 5;
-  const Advance bounded = method.advance(0.0, 1000.0, q, few);
-  EXPECT_EQ(bounded.reason, Reason::too_many_steps);
-  EXPECT_EQ(bounded.steps + bounded.rejected, 5);
-  EXPECT_GT(bounded.t, 0.0);
-  Tolerance impossible{1e-300, 0.0};
-  impossible.max_attempts = 2000;
+  const Advance bounded = method.advance(0.0, 1000.0, q, {1e-10, 1e-10, 5});
+  EXPECT_FALSE(bounded.ok);
+  EXPECT_LE(bounded.steps, 5);
   q = {1.0, 0.5};
-  EXPECT_FALSE(method.advance(0.0, 10.0, q, impossible).ok());
+  EXPECT_FALSE(method.advance(0.0, 10.0, q, {1e-300, 0.0, 2000}).ok);
 }
 
 /// Steps go with tolerance^(-1/8), so 1e8 in tolerance is a factor of 10; by an estimate of order 5 it would
@@ -245,7 +180,7 @@ double arenstorf_gap(const S& system, double tol) {
   M method(system);
   typename S::State y{0.994, 0.0, 0.0, -2.00158510637908252240537862224};
   const auto start = y;
-  EXPECT_TRUE(method.advance(0.0, 17.0652165601579625588917206249, y, {tol, tol}).ok());
+  EXPECT_TRUE(method.advance(0.0, 17.0652165601579625588917206249, y, {tol, tol}).ok);
   double gap = 0.0;
   for (std::size_t i = 0; i < 4; ++i) gap = std::max(gap, std::abs(y[i] - start[i]));
   return gap;

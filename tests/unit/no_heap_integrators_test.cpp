@@ -24,7 +24,7 @@ void adaptive(const Kepler& kepler) {
     method->step(0.0, 0.01, y);
     a = method->advance(0.01, 1.0, y, {1e-8, 1e-8});
   }
-  EXPECT_EQ(a.reason, host::Reason::reached);
+  EXPECT_TRUE(a.ok);
 }
 
 TEST(NoHeap, Integrators) {
