@@ -63,7 +63,7 @@ class ControllerEnd {
         cycle_(make_cycle<C>(scene, pacing, reference_)),
         scene_(scene),
         finder_(scene),
-        reports_(scene) {
+        reports_(scene, cycle_) {
     if (scene.command) {
       captured_.resize(static_cast<std::size_t>(std::clamp(captured_s * scene.rate_hz, 1.0, 16383.0)));
       with_cycle([&](auto& c) { c.link().capture_into(captured_); });
@@ -101,19 +101,15 @@ class ControllerEnd {
   [[nodiscard]] const TickResult<M>& result() const { return result_; }  ///< of the last tick
   /// The first fault since the start, with joint and node; empty: none.
   [[nodiscard]] const std::optional<FaultRecord>& fault() const { return fault_; }
-  /// DriveReports::odd_encoder(): the joint whose encoder contradicts the others.
-  [[nodiscard]] std::string odd_encoder() const { return reports_.odd_encoder(cycle_); }
+  /// The drives in words.
+  [[nodiscard]] const DriveReports<World, C>& reports() const { return reports_; }
   /// Throws RunError, after shut_down(next), if a fault ended arming.
   void require_armed(const std::function<bool()>& next) {
     if (supervisor().state() != State::fault) return;
-    const std::string why = reports_.refusal(cycle_);
+    const std::string why = reports_.refusal();
     shut_down(next);
     throw RunError("the controller refused to arm: " + why);
   }
-  /// DriveReports::unready(): the drives that have not confirmed torque control.
-  [[nodiscard]] std::string unready() const { return reports_.unready(cycle_); }
-  /// DriveReports::limits_unread(): the drives whose torque limit was not read back.
-  [[nodiscard]] std::string limits_unread() const { return reports_.limits_unread(cycle_); }
   /// Result and sample of the last tick for a recorder; valid until the next tick.
   [[nodiscard]] ControllerView<M> view() const { return {&result_, &sample(), std::is_same_v<C, M>}; }
 
@@ -154,7 +150,7 @@ class ControllerEnd {
     finder_.see(result_, sample());
     if (finder_.found() && !fault_) {
       fault_ = finder_.found();
-      reports_.add_details(cycle_, expected_, *fault_);
+      reports_.add_details(expected_, *fault_);
     }
     expected_ += (result_.torque - expected_) / (scene_.drives.torque_time * scene_.rate_hz + 1.0);
   }

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <optional>
@@ -10,82 +9,35 @@
 namespace esmc::host {
 
 template <class World, class C>
-DriveReports<World, C>::DriveReports(const Scene& scene) : scene_(scene), nodes_(scene.drives.nodes.size()) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
-    motors_.emplace_back(static_cast<int>(axis_of(scene, i)), scene.drives.nodes[i]);
-  for (std::size_t i = 0; i < nodes_.size(); ++i) nodes_[axis_of(scene, i)] = scene.drives.nodes[i];
-}
-
-template <class World, class C>
-std::string DriveReports<World, C>::odd_encoder(const AnyCycle<C>& cycle) const {
+std::string DriveReports<World, C>::odd_encoder() const {
   return std::visit(
       [](const auto& c) -> std::string {
         const int odd = c.controller().odd_encoder();
         return c.supervisor().fault() == Fault::loop_not_closed && odd != 0 ? World::joint_names[odd - 1]
                                                                             : "";
       },
-      cycle);
+      cycle_);
 }
 
 template <class World, class C>
-std::string DriveReports<World, C>::refusal(const AnyCycle<C>& cycle) const {
-  const Fault fault = std::visit([](const auto& c) { return c.supervisor().fault(); }, cycle);
+std::string DriveReports<World, C>::refusal() const {
+  const Fault fault = std::visit([](const auto& c) { return c.supervisor().fault(); }, cycle_);
   std::string out = name(fault);
-  const std::string waiting = unready(cycle), odd = odd_encoder(cycle);
+  const std::string waiting = unready(), odd = odd_encoder();
   if (fault == Fault::enabling_timeout && !waiting.empty()) out += " (not ready: " + waiting + ")";
   if (!odd.empty()) out += " (the encoder of " + odd + " contradicts the others)";
-  std::visit(
-      [&](const auto& c) {
-        for (int i = 0; i < static_cast<int>(nodes_.size()); ++i) out += reported(c.axis(i), is_motor(i));
-      },
-      cycle);
+  for_each_axis([&](const auto& a, std::size_t i) { out += reported(a, motor_[i]); });
   return out;
 }
 
 template <class World, class C>
-std::string DriveReports<World, C>::unready(const AnyCycle<C>& cycle) const {
-  std::string out;
+void DriveReports<World, C>::add_details(const Torques& expected, FaultRecord& f) const {
   std::visit(
       [&](const auto& c) {
-        for (const auto& [axis, node] : motors_) {
-          if (c.axis(axis).ready()) continue;
-          out += fmt::format("{}node {}{}", out.empty() ? "" : ", ", node,
-                             c.axis(axis).alive() ? "" : " (silent)");
-        }
+        for (std::size_t i = nodes_.size(); i-- > 0;)
+          add_details(c.axis(static_cast<int>(i)), i, expected, f);
       },
-      cycle);
-  return out;
-}
-
-template <class World, class C>
-std::string DriveReports<World, C>::limits_unread(const AnyCycle<C>& cycle) const {
-  std::string out;
-  std::visit(
-      [&](const auto& c) {
-        for (const auto& [axis, node] : motors_) {
-          if constexpr (requires { c.axis(0).torque_limit_unread(); }) {
-            if (c.axis(axis).torque_limit_unread())
-              out += fmt::format("{}node {}", out.empty() ? "" : ", ", node);
-          }
-        }
-      },
-      cycle);
-  return out;
-}
-
-template <class World, class C>
-void DriveReports<World, C>::add_details(const AnyCycle<C>& cycle, const Torques& expected,
-                                         FaultRecord& f) const {
-  std::visit(
-      [&](const auto& c) {
-        for (int i = static_cast<int>(nodes_.size()) - 1; i >= 0; --i) add_details(c.axis(i), i, expected, f);
-      },
-      cycle);
-}
-
-template <class World, class C>
-bool DriveReports<World, C>::is_motor(int axis) const {
-  return std::ranges::any_of(motors_, [&](const auto& m) { return m.first == axis; });
+      cycle_);
 }
 
 namespace {
@@ -139,14 +91,13 @@ std::string DriveReports<World, C>::reported(const Axis& a, bool motor) const {
   return out;
 }
 
-/// Adds what axis i knows of the fault.
 template <class World, class C>
 template <class Axis>
-void DriveReports<World, C>::add_details(const Axis& a, int i, const Torques& expected,
+void DriveReports<World, C>::add_details(const Axis& a, std::size_t i, const Torques& expected,
                                          FaultRecord& f) const {
   constexpr int joints = World::Mechanism::joints;
-  const int joint = static_cast<int>(nodes_.size()) == joints ? i : i * (joints / 2);
-  const std::string node = fmt::format("node {}", nodes_[static_cast<std::size_t>(i)]);
+  const int joint = static_cast<int>(i) * (nodes_.size() == joints ? 1 : joints / 2);
+  const std::string node = fmt::format("node {}", nodes_[i]);
   const auto put = [&](std::optional<double> measured, std::optional<double> limit, const std::string& unit) {
     f.where = fmt::format("{}, {}", World::joint_names[joint], node);
     f.measured = measured;
@@ -158,7 +109,7 @@ void DriveReports<World, C>::add_details(const Axis& a, int i, const Torques& ex
   const double age = a.heartbeat_age_ticks() * scene_.tick();
   if (is(Fault::emergency_stop) && a.emergency_stopped()) put({}, {}, "");
   if (is(Fault::drive_configuration) && a.config_mismatch()) put({}, {}, "");
-  if (!is_motor(i)) return;
+  if (!motor_[i]) return;
   if (is(Fault::drive_error) && a.error()) {
     std::string unit = "error code";
     if constexpr (std::is_same_v<Axis, drive::MoteusAxis>)

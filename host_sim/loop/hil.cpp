@@ -242,7 +242,7 @@ int run_lockstep(const Scene& scene, const RunOptions& o, BusRunFiles& files, Pl
   if (stop) controller.shut_down(idle_tick);
   set_outcome(end, controller.supervisor(), controller.fault());
   end.surfaces = controller.surfaces();
-  end.odd_encoder = controller.odd_encoder();
+  end.odd_encoder = controller.reports().odd_encoder();
   if (!stop) exchange.close();
   if (use.pass != nullptr) return 0;
   return finish_run(o, scene, "hil", plant.recorder(), end, files);

@@ -253,15 +253,16 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
     sample();
     controller.tick(true);
     recorder.tick(controller.result(), controller.sample(), pace.since());
-    if (const std::string unread = recorder.ticks() == 1 ? controller.limits_unread() : ""; !unread.empty())
+    if (const std::string unread = recorder.ticks() == 1 ? controller.reports().limits_unread() : "";
+        !unread.empty())
       fmt::print(stderr, "armed without object 6072, the torque limit was not read back: {}\n", unread);
     if (recorder.ticks() > 0) continue;
     const bool in_time = Clock::now() - begin <= arming;
     if (!armed_by_link(scene)) controller.require_armed(sample);
     if (in_time) continue;
-    const std::string why = armed_by_link(scene)
-                                ? "no supervisor computer armed them"
-                                : "plant dead or not started, or not ready: " + controller.unready();
+    const std::string why =
+        armed_by_link(scene) ? "no supervisor computer armed them"
+                             : "plant dead or not started, or not ready: " + controller.reports().unready();
     controller.shut_down(sample);
     throw RunError(
         fmt::format("the drives were not in closed-loop control after {} s ({})", arming.count(), why));

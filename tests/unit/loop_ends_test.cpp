@@ -70,7 +70,7 @@ TEST_F(LoopEnds, OnlyMotorsAreReportedAsNotReady) {
   options_.sets = {"control.sensors=\"all\"", "drives.nodes=[7, 8]", "sensors.nodes=[3, 4]"};
   const Scene mixed = read_loop_scene(options_);
   const ControllerEnd<FiveBarTraits, HostBus> controller(mixed, Pacing::realtime, here_);
-  EXPECT_EQ(controller.unready(), "node 7 (silent), node 8 (silent)");
+  EXPECT_EQ(controller.reports().unready(), "node 7 (silent), node 8 (silent)");
 }
 
 TEST_F(LoopEnds, ThePlantHearsAControllerOnlyInCommandsToItsDrives) {
