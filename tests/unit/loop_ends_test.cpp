@@ -182,6 +182,7 @@ TEST_F(LoopEnds, AFloodInsteadOfASetIsAFaultAndNotAWait) {
 }
 
 /// One lockstep loop on a virtual bus, as hil runs it.
+template <std::size_t ports = 2>
 class Loop {
  public:
   Loop(const Scene& scene, const RunOptions& o, FrameLog& frames)
@@ -199,14 +200,15 @@ class Loop {
     plant.publish();
     return controller.await_last_samples();
   }
-  std::unique_ptr<hal::VirtualBus<2>> bus = std::make_unique<hal::VirtualBus<2>>();
-  PlantEnd<FiveBarTraits, hal::VirtualBus<2>::Port> plant;
-  ControllerEnd<FiveBarTraits, hal::VirtualBus<2>::Port> controller;
+  using Bus = hal::VirtualBus<ports>;
+  std::unique_ptr<Bus> bus = std::make_unique<Bus>();
+  PlantEnd<FiveBarTraits, typename Bus::Port> plant;
+  ControllerEnd<FiveBarTraits, typename Bus::Port> controller;
 };
 
 TEST_F(LoopEnds, ShutDownEndsDisabledWhenTheDrivesReportIdle) {
   for (const int ticks : {1, 15, 25, 100}) {  // while enabling, and while running
-    Loop loop(scene_, options_, frames_);
+    Loop<> loop(scene_, options_, frames_);
     for (int i = 0; i < ticks; ++i) loop.tick();
     EXPECT_EQ(loop.plant.released(), ticks > 40);
     loop.controller.shut_down([&] { return loop.next(); });
@@ -215,7 +217,7 @@ TEST_F(LoopEnds, ShutDownEndsDisabledWhenTheDrivesReportIdle) {
 }
 
 TEST_F(LoopEnds, ShutDownEndsWithSilentDrives) {
-  Loop loop(scene_, options_, frames_);
+  Loop<> loop(scene_, options_, frames_);
   for (int i = 0; i < 100; ++i) loop.tick();
   int passes = 0;
   loop.controller.shut_down([&] { return ++passes, true; });
@@ -254,27 +256,22 @@ Ride ride(const RunOptions& options, FrameLog& frames, int ticks) {
     }
     return std::sqrt(best);
   };
-  hal::VirtualBus<3> bus;
-  PlantEnd<FiveBarTraits, hal::VirtualBus<3>::Port> plant(scene, options, bus.port(0), frames, nullptr, true);
-  ControllerEnd<FiveBarTraits, hal::VirtualBus<3>::Port> controller(scene, Pacing::lockstep, bus.port(1));
+  Loop<3> loop(scene, options, frames);
+  auto& port = loop.bus->port(2);
   LinkClient console(static_cast<std::uint32_t>(scene.command->base_id));
   std::mt19937 random(4);
   Ride r;
   std::optional<V2> last, last_rate;
   for (int i = 0; i < ticks; ++i) {
-    plant.publish();
-    EXPECT_EQ(controller.await_samples(), Waited::done);
-    controller.tick(true);
-    EXPECT_TRUE(plant.await_torques());
-    plant.advance(controller.view());
-    for (hal::CanFrame f; bus.port(2).try_receive(f);) (void)console.hear(f);
+    loop.tick();
+    for (hal::CanFrame f; port.try_receive(f);) (void)console.hear(f);
     if (i > 200 && random() % 80 == 0) {
       const auto draw = static_cast<unsigned>(random() % 200);  // half of them all or nothing
       const auto percent = static_cast<std::uint8_t>(draw <= 100 ? draw : draw % 2 * 100);
-      EXPECT_EQ(bus.port(2).try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
+      EXPECT_EQ(port.try_send(console.order(link::Order::override, percent)), hal::SendStatus::ok);
     }
-    if (!plant.released()) continue;
-    const V2 at = plant.plant().motion().output().effector;
+    if (!loop.plant.released()) continue;
+    const V2 at = loop.plant.plant().motion().output().effector;
     if (last) {
       const V2 rate = (1.0 / h) * (at - *last);
       const double speed = std::sqrt(dot(rate, rate));
@@ -285,9 +282,9 @@ Ride ride(const RunOptions& options, FrameLog& frames, int ticks) {
     }
     last = at;
     if (i % 3 == 0) r.off = std::max(r.off, off(at));
-    r.saturated += controller.result().saturated ? 1 : 0;
+    r.saturated += loop.controller.result().saturated ? 1 : 0;
   }
-  r.state = controller.supervisor().state();
+  r.state = loop.controller.supervisor().state();
   return r;
 }
 
@@ -318,7 +315,7 @@ TEST_F(LoopEnds, AProgramAtItsTorqueLimitIsHeldWithinIt) {
 
 /// t = 0: the second heartbeat of closed-loop control reaches both ends, in the same tick.
 TEST_F(LoopEnds, BothEndsAgreeOnTheBeginningOfTheRun) {
-  Loop loop(scene_, options_, frames_);
+  Loop<> loop(scene_, options_, frames_);
   int ticks = 0;
   while (!loop.plant.released() && ticks < 100) {
     loop.tick();
