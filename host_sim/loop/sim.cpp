@@ -17,6 +17,15 @@
 namespace esmc::host {
 namespace {
 
+/// What a run is for, and what it keeps in `trace` of every tick of a closed loop.
+struct Purpose {
+  bool single_precision = false;  ///< of the controller
+  bool progress = true;           ///< shown; not by a run among many
+  bool digest = true, base_errors = true;
+  bool path = false, torques = false;
+  Trace* trace = nullptr;
+};
+
 /// One pass over the whole scene with a given number of integration steps per tick.
 template <class World>
 class SimRun {
@@ -25,20 +34,19 @@ class SimRun {
   using M = typename World::Mechanism;
   using Joints = typename Plant::Joints;
 
-  SimRun(const Scene& scene, const RunOptions& options, const LogSink& log)
+  SimRun(const Scene& scene, const RunOptions& options, const LogSink& log, const Purpose& purpose)
       : scene_(scene),
         options_(options),
+        use_(purpose),
         recorder_(scene, Pacing::lockstep, log, scene.closed_loop()),
         motion_(make_motion<World>(scene)),
         actuators_(scene.effects, scene.motor_joints(), scene.seed),
-        progress_(options.capture == nullptr) {}
+        progress_(options.capture == nullptr && purpose.progress) {
+    if (!use_.digest) recorder_.without_digest();
+    if (!use_.base_errors) recorder_.without_base_errors();
+  }
 
   [[nodiscard]] Recorder<World>& recorder() { return recorder_; }
-  /// Sets `path` to the effector's positions, at every tick of a closed loop.
-  void keep_path(std::vector<V2>* path) { path_ = path; }
-  /// Sets torques and saturation of `trace`, at every tick of a closed loop.
-  void keep_torques(Trace* trace) { torques_ = trace; }
-  void use_single_precision() { single_precision_ = true; }
   /// Appends q at every `stride`th tick and at the end.
   void keep_rows(Pass* pass, std::uint32_t stride) {
     pass_ = pass;
@@ -46,15 +54,13 @@ class SimRun {
   }
   /// A pass that is only compared keeps nothing of the run.
   void without_record() { recording_ = false; }
-  /// A run among many shows no progress of its own.
-  void without_progress() { progress_ = false; }
 
   RunEnd run(int substeps) {
     const auto begin = std::chrono::steady_clock::now();
     RunEnd end;
     begin_record();
     if (scene_.closed_loop()) {
-      if (single_precision_) {
+      if (use_.single_precision) {
         closed_loop<typename World::SinglePrecision>(substeps, end);
       } else {
         closed_loop<M>(substeps, end);
@@ -73,16 +79,12 @@ class SimRun {
  private:
   /// What is kept is of the last recorded pass alone.
   void begin_record() {
-    if (!recording_) {
-      path_ = nullptr;
-      torques_ = nullptr;
-      return;
-    }
-    if (options_.capture != nullptr) recorder_.log().keep(&options_.capture->log);
-    if (path_ != nullptr) path_->clear();
-    if (torques_ == nullptr) return;
-    torques_->torque.clear();
-    torques_->saturated.clear();
+    if (!recording_) use_.path = use_.torques = false;
+    if (recording_ && options_.capture != nullptr) recorder_.log().keep(&options_.capture->log);
+    if (use_.path) use_.trace->effector.clear();
+    if (!use_.torques) return;
+    use_.trace->torque.clear();
+    use_.trace->saturated.clear();
   }
 
   void record(std::uint32_t n, const Joints& torque, bool clipped, const ControllerView<M>& seen) {
@@ -149,10 +151,10 @@ class SimRun {
       } else {
         record(n, torque, clipped, {});
       }
-      if (path_ != nullptr) path_->push_back(motion_.output().effector);
-      if (torques_ != nullptr) {
-        for (const std::size_t joint : scene_.motor_joints()) torques_->torque.push_back(torque[joint]);
-        torques_->saturated.push_back(clipped || result.saturated);
+      if (use_.path) use_.trace->effector.push_back(motion_.output().effector);
+      if (use_.torques) {
+        for (const std::size_t joint : scene_.motor_joints()) use_.trace->torque.push_back(torque[joint]);
+        use_.trace->saturated.push_back(clipped || result.saturated);
       }
       actuators_.advance(motion_, n * tick, tick, step, torque);
       if (stop) {
@@ -205,19 +207,28 @@ class SimRun {
 
   const Scene& scene_;
   const RunOptions& options_;
+  Purpose use_;
   Recorder<World> recorder_;
   Motion<Plant> motion_;
   Actuators<Plant> actuators_;
-  bool exact_ = true, single_precision_ = false, progress_, recording_ = true;
+  bool exact_ = true, progress_, recording_ = true;
   Pass* pass_ = nullptr;
   std::uint32_t stride_ = 1;
-  std::vector<V2>* path_ = nullptr;
-  Trace* torques_ = nullptr;
 };
 
-/// The passes that simulation.accuracy needs; `last` and `end`: the one that counts. `make()`: a run.
-template <class World, class Make>
-void run_to_accuracy(Scene& scene, const Make& make, std::unique_ptr<SimRun<World>>& last, RunEnd& end) {
+/// Runs a scene, or the passes that simulation.accuracy needs; `last` and `end`: the run that counts.
+/// `log(recorded)`: where a run writes.
+template <class World, class LogOf>
+void run_scene(Scene& scene, const RunOptions& o, const Purpose& purpose, const LogOf& log,
+               std::unique_ptr<SimRun<World>>& last, RunEnd& end) {
+  const auto make = [&](const Scene& s, bool recorded) {
+    return std::make_unique<SimRun<World>>(s, o, log(recorded), purpose);
+  };
+  if (!scene.accuracy) {
+    last = make(scene, true);
+    end = last->run(steps_per_tick(scene));
+    return;
+  }
   const auto pass = [&](const Scene& s, bool recorded) {
     Pass p;
     if (recorded) last.reset();  // which has the log open
@@ -245,46 +256,34 @@ int simulate(Scene scene, const RunOptions& o) {
   const std::unique_ptr<RunMcap> mcap = mcap_of(o);
   std::unique_ptr<SimRun<World>> run;
   RunEnd end;
-  if (scene.accuracy) {
-    run_to_accuracy<World>(
-        scene,
-        [&](const Scene& s, bool recorded) {
-          return std::make_unique<SimRun<World>>(s, o, recorded ? log_of(o, out, mcap.get()) : LogSink());
-        },
-        run, end);
-  } else {
-    run = std::make_unique<SimRun<World>>(scene, o, log_of(o, out, mcap.get()));
-    end = run->run(steps_per_tick(scene));
-  }
+  const auto log = [&](bool recorded) { return recorded ? log_of(o, out, mcap.get()) : LogSink(); };
+  run_scene<World>(scene, o, {}, log, run, end);
   return finish_run(o, scene, "sim", run->recorder().statistics(), end, run->recorder().log(), out,
                     mcap.get());
 }
 
-/// A run without files, after `set_up(run, its trace)`.
-template <class World, class SetUp>
-Trace study(Scene scene, const SetUp& set_up) {
+/// A run without files.
+template <class World>
+Trace study(Scene scene, Purpose purpose) {
   Trace out;
   const RunOptions none;
-  const auto make = [&](const Scene& s, bool) {
-    auto run = std::make_unique<SimRun<World>>(s, none, nullptr);
-    set_up(*run, out);
-    return run;
-  };
+  purpose.trace = &out;
   std::unique_ptr<SimRun<World>> run;
-  if (scene.accuracy) {
-    run_to_accuracy<World>(scene, make, run, out.end);
-  } else {
-    run = make(scene, true);
-    try {
-      out.end = run->run(steps_per_tick(scene));
-    } catch (const Diverged&) {  // a result of the study
-      out.end.q.assign(World::Plant::outputs, std::numeric_limits<double>::quiet_NaN());
-      out.end.qd = out.end.q;
-    }
+  try {
+    run_scene<World>(
+        scene, none, purpose, [](bool) { return LogSink(); }, run, out.end);
+  } catch (const Diverged&) {
+    if (scene.accuracy) throw;
+    out.end.q.assign(World::Plant::outputs,
+                     std::numeric_limits<double>::quiet_NaN());  // a result of the study
+    out.end.qd = out.end.q;
   }
   out.statistics = run->recorder().statistics();
   out.reference_left = run->recorder().reference_left();
   return out;
+}
+Trace study(const Scene& scene, const Purpose& purpose) {
+  return with_world(scene, [&]<class World>(World) { return study<World>(scene, purpose); });
 }
 
 }  // namespace
@@ -297,29 +296,15 @@ int run_sim(const RunOptions& o) {
 }
 
 Trace trace(const Scene& scene, bool single_precision) {
-  const auto set_up = [&](auto& run, Trace& out) {
-    run.keep_path(&out.effector);
-    if (single_precision) run.use_single_precision();
-  };
-  return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
+  return study(scene, {.single_precision = single_precision, .path = true});
 }
 
-Trace probe(const Scene& scene) {
-  const auto set_up = [](auto& run, Trace& out) {
-    run.keep_torques(&out);
-    run.without_progress();
-  };
-  return with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
-}
+Trace probe(const Scene& scene) { return study(scene, {.progress = false, .torques = true}); }
 
 Trace run_case(const Scene& scene, bool base_errors, bool single_precision) {
-  const auto set_up = [&](auto& run, Trace&) {
-    if (single_precision) run.use_single_precision();
-    if (!base_errors) run.recorder().without_base_errors();
-    run.recorder().without_digest();
-    run.without_progress();
-  };
-  Trace out = with_world(scene, [&]<class World>(World) { return study<World>(scene, set_up); });
+  const Purpose purpose{
+      .single_precision = single_precision, .progress = false, .digest = false, .base_errors = base_errors};
+  Trace out = study(scene, purpose);
   if (out.reference_left)
     throw InputError(scene.reference_where, "the reference leaves the reach of the mechanism");
   return out;
