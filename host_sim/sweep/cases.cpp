@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <exception>
+#include <ranges>
 #include <set>
 #include <span>
 #include <utility>
@@ -104,32 +105,15 @@ Binding find_binding(const std::string& key, const Scene& nominal) {
   return {set, k.low, k.high, k.low_open};
 }
 
-std::vector<std::string> parts_of(const std::string& key) {
-  std::vector<std::string> out(1);
-  for (const char c : key) {
-    if (c == '.') {
-      out.emplace_back();
-    } else {
-      out.back() += c;
-    }
-  }
-  return out;
-}
-
-/// Counted from 1.
-std::optional<std::size_t> entry(const std::string& part) {
-  std::size_t n = 0;
-  const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), n);
-  if (error != std::errc() || end != part.data() + part.size() || n == 0) return std::nullopt;
-  return n - 1;
-}
-
 /// The node of a part of a key: an effect goes by its type, entries of lists count from 1.
 const toml::node* child(const toml::node* of, const std::string& part) {
   if (of == nullptr || of->is_table()) return of != nullptr ? of->as_table()->get(part) : nullptr;
   const toml::array* a = of->as_array();
   if (a == nullptr) return nullptr;
-  if (const auto n = entry(part)) return *n < a->size() ? a->get(*n) : nullptr;
+  std::size_t n = 0;
+  const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), n);
+  if (error == std::errc() && end == part.data() + part.size() && n > 0)
+    return n <= a->size() ? a->get(n - 1) : nullptr;
   for (const toml::node& item : *a) {
     const toml::table* t = item.as_table();
     if (t != nullptr && (*t)["type"].value<std::string>() == part) return &item;
@@ -138,15 +122,14 @@ const toml::node* child(const toml::node* of, const std::string& part) {
 }
 
 double nominal_number(const toml::table& root, const Vary& v) {
-  const auto parts = parts_of(table_key(v.key));
   const toml::node* node = &root;
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    const toml::node* next = child(node, parts[i]);
-    if (next == nullptr && parts[i] == "legs") {  // one for both
-      next = child(node, "leg");
-      ++i;
-    }
-    node = next;
+  bool both = false;
+  for (const auto text : std::views::split(table_key(v.key), '.')) {
+    const std::string part(text.begin(), text.end());
+    if (std::exchange(both, false)) continue;  // the number of a leg that is one for both
+    const toml::node* next = child(node, part);
+    both = next == nullptr && part == "legs";
+    node = both ? child(node, "leg") : next;
   }
   if (node == nullptr || !node->is_number())
     throw InputError(v.where, fmt::format("'{}' has a factor, but the scene gives no number there", v.key));
