@@ -415,19 +415,6 @@ TEST(SweepLanes, AStoppedGroupIsNotDone) {
   }
 }
 
-TEST(SweepLanes, CoverTheBenchmarkCase) {
-  const Scratch scratch;
-  const SweepSpec spec = read_sweep(scratch.write("spec.toml", specification(uncertain + plant())));
-  CaseScenes scenes(spec);
-  for (const LaneKernel& kernel : lane_kernels()) {
-    std::vector<LaneJob> jobs(1);
-    ASSERT_TRUE(make_lane_job(scenes.nominal(), spec.wanted, jobs[0]));
-    std::vector<LaneScore> scores;
-    run_lane_jobs(kernel, jobs, scores);
-    EXPECT_TRUE(scores[0].ok) << kernel.name;
-  }
-}
-
 /// Also where more of the scene depends on a number than its field: belief, rotors, parts of the controller.
 TEST(SweepScenes, SettingANumberIsReadingTheSceneAgain) {
   const Scratch scratch;
