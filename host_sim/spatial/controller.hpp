@@ -131,7 +131,7 @@ struct SpatialResult {
   SpatialFault fault = SpatialFault::none;
 };
 
-/// M: FreeBody or Hexapod. `tick` needs 8 kB of stack for the hexapod's legs in double.
+/// M: FreeBody or Hexapod.
 template <class M>
 class SpatialController {
  public:
