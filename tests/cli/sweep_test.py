@@ -339,14 +339,8 @@ def stated_accuracy(folder):
     check(j["outcomes"].get("inaccurate", 0) > 0, f"outcomes {j['outcomes']}")
 
 
-def examples(_):
-    for spec in sorted((SCENES.parent / "sweeps").glob("*.toml")):
-        text = spec.read_text(encoding="utf-8")
-        check("scene" in text and "[[vary]]" in text, f"{spec.name} is no specification")
-
-
 PARTS = (bad_specifications, threads_and_processes, what_the_table_says, impossible_cases, stated_accuracy, what_is_not_its_own, places_that_cannot_be_written,
-         kill_and_go_on, varied_files_belong_to_it, examples)
+         kill_and_go_on, varied_files_belong_to_it)
 
 with tempfile.TemporaryDirectory() as scratch:
     here = pathlib.Path(scratch)
