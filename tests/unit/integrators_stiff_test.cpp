@@ -1,23 +1,16 @@
-/// Stiff problems with published solutions, and a run of CVODE (SUNDIALS) as a second opinion.
+/// Stiff problems with published solutions.
 
-#include <cvode/cvode.h>
 #include <gtest/gtest.h>
-#include <nvector/nvector_serial.h>
-#include <sunlinsol/sunlinsol_dense.h>
-#include <sunmatrix/sunmatrix_dense.h>
 
-#include <array>
 #include <cmath>
 
-#include "host_sim/integrate/dopri5.hpp"
-#include "host_sim/integrate/dopri8.hpp"
 #include "host_sim/integrate/radau5.hpp"
 #include "tests/support/systems.hpp"
 
 namespace esmc::test {
 namespace {
 
-using host::Advance, host::Dopri5, host::Dopri8, host::Radau5;
+using host::Advance, host::Radau5;
 
 /// Test Set for IVP Solvers (Mazzia, Magherini), problem vdpol: its reference solution at t = 2.
 TEST(Radau5, VanDerPolAsPublished) {
@@ -97,67 +90,6 @@ TEST(Radau5, UnsolvableFixedStepGivesNan) {
   method.step(0.0, 50.0, y);
   EXPECT_TRUE(std::isnan(y[0]));
   EXPECT_EQ(y[1], mark);
-}
-
-/// Double pendulum of equal masses and rods, by its angles: not integrable, but not yet chaotic over this
-/// time.
-struct DoublePendulum : Free<4, 2> {
-  void slope(double, const State& y, State& dy) const { acceleration(y.data(), dy.data()); }
-  static void acceleration(const double* y, double* dy) {
-    const double d = y[0] - y[1], c = std::cos(d), s = std::sin(d), g = 9.81;
-    const double f1 = -y[3] * y[3] * s - 2.0 * g * std::sin(y[0]), f2 = y[2] * y[2] * s - g * std::sin(y[1]);
-    dy[0] = y[2];
-    dy[1] = y[3];
-    dy[2] = (f1 - c * f2) / (2.0 - c * c);
-    dy[3] = (2.0 * f2 - c * f1) / (2.0 - c * c);
-  }
-};
-
-/// CVODE, Adams of variable order, near its tightest.
-std::array<double, 4> cvode(double t1, const std::array<double, 4>& start) {
-  SUNContext context = nullptr;
-  EXPECT_EQ(SUNContext_Create(nullptr, &context), 0);
-  N_Vector y = N_VNew_Serial(4, context);
-  for (int i = 0; i < 4; ++i) NV_Ith_S(y, i) = start[static_cast<std::size_t>(i)];
-  void* memory = CVodeCreate(CV_ADAMS, context);
-  const auto slope = [](double, N_Vector at, N_Vector out, void*) {
-    DoublePendulum::acceleration(NV_DATA_S(at), NV_DATA_S(out));
-    return 0;
-  };
-  EXPECT_EQ(CVodeInit(memory, slope, 0.0, y), CV_SUCCESS);
-  EXPECT_EQ(CVodeSStolerances(memory, 1e-13, 1e-13), CV_SUCCESS);
-  EXPECT_EQ(CVodeSetMaxNumSteps(memory, 1000000), CV_SUCCESS);
-  SUNMatrix matrix = SUNDenseMatrix(4, 4, context);
-  SUNLinearSolver solver = SUNLinSol_Dense(y, matrix, context);
-  EXPECT_EQ(CVodeSetLinearSolver(memory, solver, matrix), CV_SUCCESS);
-  EXPECT_EQ(CVodeSetStopTime(memory, t1), CV_SUCCESS);
-  double t = 0.0;
-  EXPECT_GE(CVode(memory, t1, y, &t, CV_NORMAL), 0);
-  EXPECT_EQ(t, t1);
-  std::array<double, 4> out{};
-  for (int i = 0; i < 4; ++i) out[static_cast<std::size_t>(i)] = NV_Ith_S(y, i);
-  CVodeFree(&memory);
-  SUNLinSolFree(solver);
-  SUNMatDestroy(matrix);
-  N_VDestroy(y);
-  SUNContext_Free(&context);
-  return out;
-}
-
-template <class M>
-void expect_like(const std::array<double, 4>& reference, double within) {
-  const DoublePendulum system;
-  M method(system);
-  DoublePendulum::State y{1.2, -0.6, 0.0, 0.5};
-  ASSERT_TRUE(method.advance(0.0, 3.0, y, {1e-12, 1e-12}).ok);
-  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(y[i], reference[i], within) << M::name << ' ' << i;
-}
-
-TEST(AgainstCvode, DoublePendulum) {
-  const auto reference = cvode(3.0, {1.2, -0.6, 0.0, 0.5});
-  expect_like<Dopri5<DoublePendulum>>(reference, 1e-9);
-  expect_like<Dopri8<DoublePendulum>>(reference, 1e-9);
-  expect_like<Radau5<DoublePendulum>>(reference, 1e-9);
 }
 
 }  // namespace
