@@ -21,37 +21,6 @@ Motion<Plant>::Motion(const Setup& setup, const State& initial)
   potential_start_ = plant().potential_energy(state_);
   if (payload_ && payload_->from <= 0.0 && payload_->to > 0.0) set_payload(true);
 }
-template <class Plant>
-Motion<Plant>::Motion(Motion&&) noexcept = default;
-template <class Plant>
-Motion<Plant>& Motion<Plant>::operator=(Motion&&) noexcept = default;
-template <class Plant>
-Motion<Plant>::~Motion() = default;
-
-template <class Plant>
-Method Motion<Plant>::method() const {
-  return engine_->method();
-}
-
-template <class Plant>
-Effort Motion<Plant>::effort() const {
-  return engine_->effort();
-}
-
-template <class Plant>
-int Motion<Plant>::state_dimension() const {
-  return 2 * Plant::coordinates + static_cast<int>(engine_->effect_states());
-}
-
-template <class Plant>
-Shaft Motion<Plant>::shaft(std::size_t joint) const {
-  return engine_->shaft(joint);
-}
-
-template <class Plant>
-double Motion<Plant>::work() const {
-  return engine_->work();
-}
 
 /// The load comes and goes moving with the effector: rates stay, energy comes and goes with it.
 template <class Plant>

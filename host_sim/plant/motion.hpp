@@ -6,14 +6,9 @@
 #include <optional>
 #include <vector>
 
-#include "host_sim/effects/drivetrain.hpp"
-#include "host_sim/plant/inputs.hpp"
-#include "host_sim/plant/plant.hpp"
+#include "host_sim/plant/engine_base.hpp"
 
 namespace esmc::host {
-
-template <class Plant>
-class Engine;  // integrates a plant: engine.hpp
 
 template <class Plant>
 class Motion {
@@ -34,19 +29,19 @@ class Motion {
 
   /// `initial`: the state at t = 0, which is moved onto the closure.
   Motion(const Setup& setup, const State& initial);
-  Motion(Motion&&) noexcept;
-  Motion& operator=(Motion&&) noexcept;
-  ~Motion();
 
   [[nodiscard]] const Plant& plant() const { return loaded_ ? setup_->with_payload : setup_->plant; }
   [[nodiscard]] const State& state() const { return state_; }  ///< bars in N: rad, rad/s
   [[nodiscard]] Output output() const { return plant().output(state_); }
-  [[nodiscard]] Method method() const;  ///< in use: moreau_jean where effects are set-valued
-  [[nodiscard]] Effort effort() const;  ///< of event_driven since the start
+  /// In use: moreau_jean where effects are set-valued.
+  [[nodiscard]] Method method() const { return engine_->method(); }
+  [[nodiscard]] Effort effort() const { return engine_->effort(); }  ///< of event_driven since the start
   /// Number of states: positions and rates of the mechanism, and states of effects.
-  [[nodiscard]] int state_dimension() const;
+  [[nodiscard]] int state_dimension() const {
+    return 2 * Plant::coordinates + static_cast<int>(engine_->effect_states());
+  }
   /// Angle (rad) and rate (rad/s), model convention, of the shaft whose encoder the joint's drive reads.
-  [[nodiscard]] Shaft shaft(std::size_t joint) const;
+  [[nodiscard]] Shaft shaft(std::size_t joint) const { return engine_->shaft(joint); }
 
   /// Advances from t, s, where the last advance ended, over `seconds` in `steps` >= 1 equal steps; more where
   /// an effect begins or ends in between. A state that diverges becomes not finite: the caller checks.
@@ -59,7 +54,7 @@ class Motion {
   [[nodiscard]] double energy() const {
     return plant().kinetic_energy(state_) + plant().potential_energy(state_);
   }
-  [[nodiscard]] double work() const;  ///< of motors and loads since t = 0, J
+  [[nodiscard]] double work() const { return engine_->work(); }  ///< of motors and loads since t = 0, J
 
  private:
   void set_payload(bool loaded);
