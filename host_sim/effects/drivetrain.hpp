@@ -1,9 +1,9 @@
 #pragma once
-/// From the drive's torque to the joint's: lag, ripple, play, an elastic gear. Each is a stage that the
-/// torque passes; the states of a stage are integrated with those of the plant.
+/// From the drive's torque to the joint's: lag, ripple, an elastic gear with play, in this order. Their
+/// states are integrated with those of the plant.
 
 #include <algorithm>
-#include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -16,7 +16,7 @@ struct Shaft {
   double angle = 0.0, rate = 0.0;
 };
 
-/// The stages of one motor, in the order the torque takes.
+/// The drivetrain of one motor. Its states `own`: the lagged torque, then angle and rate of the rotor.
 class Drivetrain {
  public:
   static constexpr int most_states = 3;
@@ -24,8 +24,9 @@ class Drivetrain {
   /// `motor`: index in the order of [drives], below 4. `flank`, if not null: which
   /// flank of a gear with play presses (+1, -1; 0: none), in place of the state; it must outlive this object.
   Drivetrain(const std::vector<Effect>& effects, std::size_t motor, const int* flank = nullptr);
-  [[nodiscard]] bool empty() const { return stages_.empty(); }  ///< the torque passes unchanged
-  [[nodiscard]] std::size_t states() const { return states_; }  ///< number of states, <= most_states
+  [[nodiscard]] bool empty() const { return !lag_ && !ripple_ && !gear_; }  ///< the torque passes unchanged
+  /// Number of states, <= most_states.
+  [[nodiscard]] std::size_t states() const { return rotor_at() + (gear_ ? 2U : 0U); }
   /// Sets initial states `own`, states() zeros before: the rotor moves with the joint, in mid play.
   void start(Shaft joint, std::span<double> own) const;
   /// Returns the torque at the joint, N m, for the drive's `torque`; writes the slopes of the states `own`.
@@ -33,36 +34,29 @@ class Drivetrain {
   /// Depth, rad, by which flank `side` (+1, -1) presses; <= 0: no contact. Only with has_play().
   [[nodiscard]] double contact(int side, Shaft joint, std::span<const double> own) const {
     const Shaft at = rotor(joint, own);
-    const double pressed = side * (at.angle - joint.angle) - play_.half_gap;
+    const double pressed = side * (at.angle - joint.angle) - gear_->half_gap;
     if (!(pressed > 0.0)) return pressed;
-    return pressed + std::min(0.0, play_.damping / play_.stiffness * side * (at.rate - joint.rate));
+    return pressed + std::min(0.0, gear_->damping / gear_->stiffness * side * (at.rate - joint.rate));
   }
-  [[nodiscard]] bool has_play() const { return play_.half_gap > 0.0; }  ///< a stage has a gap
-  /// Angle (rad) and rate (rad/s) at the drive's encoder: of the rotor if a stage has one, else of the joint.
-  /// `own`: all states of this drivetrain.
+  [[nodiscard]] bool has_play() const { return gear_ && gear_->half_gap > 0.0; }
+  /// Angle (rad) and rate (rad/s) at the drive's encoder: of the rotor if there is one, else of the joint.
   [[nodiscard]] Shaft rotor(Shaft joint, std::span<const double> own) const {
-    return has_rotor_ ? Shaft{own[rotor_at_], own[rotor_at_ + 1]} : joint;
+    return gear_ ? Shaft{own[rotor_at()], own[rotor_at() + 1]} : joint;
   }
 
  private:
-  struct Stage {
-    std::size_t states = 0;
-    /// Torque that goes on towards the joint; writes the slopes of the stage's own states.
-    std::function<double(double torque, Shaft rotor, Shaft joint, std::span<const double> own,
-                         std::span<double> slope)>
-        pass;
+  /// Spring, damper and play between joint and rotor.
+  struct Gear {
+    double stiffness, damping, inertia, half_gap;
   };
-  void add(std::size_t states, decltype(Stage::pass) pass);
-  /// Spring, damper and play between joint and rotor, whose angle and rate are the stage's states.
-  void add_gear(double stiffness, double damping, double inertia, double gap, const int* flank);
-  struct Play {
-    double stiffness = 0.0, damping = 0.0, half_gap = 0.0;
-  };
+  [[nodiscard]] std::size_t rotor_at() const { return lag_ ? 1 : 0; }
+  /// Torque through the gear by the twist of the rotor against the joint, rad and rad/s.
+  [[nodiscard]] double transmitted(double twist, double rate) const;
 
-  std::vector<Stage> stages_;
-  Play play_;
-  std::size_t states_ = 0, rotor_at_ = 0;
-  bool has_rotor_ = false;  ///< a body of its own
+  std::optional<double> lag_;  ///< 1/s
+  std::optional<TorqueRipple> ripple_;
+  std::optional<Gear> gear_;
+  const int* flank_;
 };
 
 }  // namespace esmc::host
