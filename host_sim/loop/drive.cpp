@@ -105,13 +105,6 @@ std::unique_ptr<EmulatedAxis> make_drive(const DriveOptions& o, const Defects& d
   return std::make_unique<OdriveAxis>(mount, s, ideal, 0, 1);
 }
 
-/// Returns at a frame, a signal or the instant.
-void wait_for_frame_until(HostBus& bus, Clock::time_point instant) {
-  const auto left = instant - Clock::now();
-  if (left > Clock::duration::zero())
-    (void)wait_for_frame(bus, std::chrono::duration_cast<std::chrono::nanoseconds>(left));
-}
-
 class Drive {
  public:
   Drive(const DriveOptions& o, HostBus& bus, std::unique_ptr<EmulatedAxis> axis)
@@ -130,7 +123,7 @@ class Drive {
         next = Clock::now();
       }
       while (Clock::now() < next && !stop_requested()) {
-        wait_for_frame_until(bus_, next);
+        (void)wait_for_frame(bus_, std::max(next - Clock::now(), Clock::duration::zero()));
         receive();
       }
       receive();

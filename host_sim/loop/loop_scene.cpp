@@ -31,11 +31,6 @@ BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy) {
   return {scene.control_where, scene.drives.missing};
 }
 
-void require_bus_loop(const Scene& scene, bool with_accuracy) {
-  const BusObstacle obstacle = bus_obstacle(scene, with_accuracy);
-  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
-}
-
 double arming_time_max(const Scene& s) { return armed_by_link(s) ? 60.0 : enabling_time_max(s) + 1.0; }
 
 std::string to_confirm(const Scene& scene) {
@@ -97,7 +92,8 @@ void require_confirmed(const Scene& scene) {
 Scene read_loop_scene(const RunOptions& o, bool with_accuracy) {
   Scene scene = read_scene(o.scene, o.sets);
   scene.seed = o.seed;
-  require_bus_loop(scene, with_accuracy);
+  const BusObstacle obstacle = bus_obstacle(scene, with_accuracy);
+  if (!obstacle.what.empty()) throw InputError(obstacle.where, obstacle.what);
   if (scene.command) scene.identity = identity_of(scene, o.realtime ? Pacing::realtime : Pacing::lockstep);
   return scene;
 }

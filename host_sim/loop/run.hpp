@@ -91,8 +91,6 @@ struct BusObstacle {
 };
 /// The first obstacle of a scene. `with_accuracy`: simulation.accuracy is allowed.
 BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy = false);
-/// Throws InputError where bus_obstacle() finds one.
-void require_bus_loop(const Scene& scene, bool with_accuracy = false);
 /// One line: settings that affect torque and cannot be read back from the scene's drives; "": none.
 std::string to_confirm(const Scene& scene);
 /// Throws InputError with the text of to_confirm() where drives.confirmed must be true and is not.
