@@ -13,7 +13,7 @@ import tempfile
 import time
 
 from command import CIRCLE as SCENE
-from command import ESMC, MORE, PROGRAM, SAMPLE, SCENES, esmc, read_table, sample, sets
+from command import ESMC, MORE, PROGRAM, SAMPLE, esmc, read_table, sample, sets
 
 SANITIZED = MORE == ["sanitized"]  # slow, and MPI has leaks of its own
 N = 8 if SANITIZED else 240
