@@ -15,7 +15,6 @@
 namespace esmc::test {
 
 // ---- the rig
-// ---------------------------------------------------------------------------------------------------
 
 template <class M, class Bus = FakeBus>
 class Rig {

@@ -41,7 +41,6 @@ struct Setup {
 };
 
 // ---- the two machines
-// ------------------------------------------------------------------------------------------
 
 /// Joint angles of the leg whose base is at the origin and whose tip is at (x, y), elbow to the side `mode`.
 inline std::array<double, 2> dyad_angles(double l1, double l2, double x, double y, int mode) {

@@ -44,7 +44,6 @@ class FdcanModel {
   }
 
   // --- the program's side
-  // --------------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (at == 0x18) {
       if (clocked && settle_ > 0 && --settle_ == 0) init_ = wanted_init_;
@@ -129,7 +128,6 @@ class FdcanModel {
   }
 
   // --- the bus's side
-  // ------------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return !init_ && !off_; }
   void bits(std::uint32_t n) { stamp_ += (reg(0x20) & 3U) == 1U ? n : 0U; }  // TSCC.TSS
   /// The frame that wins the arbitration among those asked for; it stays pending until delivered().

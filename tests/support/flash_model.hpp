@@ -53,7 +53,6 @@ class FlashModel {
   }
 
   // --- the program's side
-  // ------------------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (at == (g4() ? 0x20U : 0x18U)) return (g4() ? 0xFFEF'F8AAU : 1U) ^ options;
     if (at == status_at()) {

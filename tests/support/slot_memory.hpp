@@ -58,7 +58,6 @@ struct SlotMemory {
   }
 
   // --- hal::SlotMemory
-  // ---------------------------------------------------------------------------------------------------------
   [[nodiscard]] bool available() const { return usable; }
   [[nodiscard]] bool read(unsigned slot, unsigned at, std::uint32_t& word) {
     if (slot > 1 || at >= words) wrong.emplace_back("reads outside");

@@ -31,7 +31,6 @@ class ZynqmpCanModel {
   int resets = 0;
 
   // --- the program's side
-  // ----------------------------------------------------------------------------------------------
   std::uint32_t read(std::uint32_t at) {
     if (!clocked) return 0;
     switch (at) {
@@ -95,7 +94,6 @@ class ZynqmpCanModel {
   }
 
   // --- the bus's side
-  // --------------------------------------------------------------------------------------------------
   [[nodiscard]] bool on_bus() const { return enabled_ && joined_ && !off_; }
   /// The frame that is being sent: the oldest one, again and again until it is acknowledged.
   std::optional<Message> begin_frame() {

@@ -114,7 +114,6 @@ TEST(Injections, ListsHoldWholeWords) {
 }
 
 // ---- the judge
-// -------------------------------------------------------------------------------------------------
 
 struct FakeMotion {
   double held = 1.0, done = 0.0;
@@ -470,7 +469,6 @@ TEST_F(Court, AMechanismThatIsNowhere) {
 }
 
 // ---- the wire
-// --------------------------------------------------------------------------------------------------
 
 class OnTheWire : public testing::Test {
  protected:

@@ -12,7 +12,6 @@ namespace esmc::test {
 namespace {
 
 // ---- state machine
-// ----------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, EveryControlwordWaitsForTheStatuswordBefore) {
   Bench b;
@@ -267,7 +266,6 @@ TEST(Cia402Axis, OperationalIsAlsoWhatItsHeartbeatSays) {
 }
 
 // ---- what it says
-// -------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, BothPdosMakeASampleAndASet) {
   Bench b;
@@ -363,7 +361,6 @@ TEST(Cia402Axis, LeavingTorqueControlIsNoticed) {
 }
 
 // ---- disabling
-// ------------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, DisablingTakesTheVoltageAwayAndWaitsForTwoReports) {
   Bench b;

@@ -105,7 +105,6 @@ TEST(Cia402Corners, AnEmergencyIsALifeSign) {
 }
 
 // ---- confirmations
-// ------------------------------------------------------------------------------------------------
 
 TEST(Cia402Corners, ReadyEndsWithTheRequest) {
   Bench b;
@@ -159,7 +158,6 @@ TEST(Cia402Corners, AfterAnInterruptionItTakesTwoReports) {
 }
 
 // ---- what is left of an earlier enabling
-// --------------------------------------------------------------------------------
 
 /// The drive's word that it is pre-operational has to be newer than the call.
 TEST(Cia402Corners, AnEarlierAnswerIsNoAnswer) {
@@ -235,7 +233,6 @@ TEST(Cia402Corners, OperationalDuringTheSetUpIsForgotten) {
 }
 
 // ---- answers at the wrong time
-// ------------------------------------------------------------------------------------------
 
 TEST(Cia402Corners, AnAnswerAfterTheSequenceBeganAnewIsIgnored) {
   Bench b;
@@ -274,7 +271,6 @@ TEST(Cia402Corners, WhatALongAnswerHasBesidesTheObjectIsNoMatter) {
 }
 
 // ---- bounds
-// -----------------------------------------------------------------------------------------------------------
 
 /// A drive that is left to these arms nothing: its rated torque is not 0.
 TEST(Cia402Corners, DefaultSettings) {

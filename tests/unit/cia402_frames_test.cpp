@@ -15,7 +15,6 @@ namespace esmc::test {
 namespace {
 
 // ---- frames of others
-// -----------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, WhatOnlyWeMaySendMakesAnImpostor) {
   const std::vector<CanFrame> commands{
@@ -118,7 +117,6 @@ TEST(Cia402Axis, RandomFramesNeverEnableAnything) {
 }
 
 // ---- units
-// ----------------------------------------------------------------------------------------------------------
 
 TEST(Cia402Axis, CountsAndSpeedsBecomeAnglesAndRates) {
   for (const float direction : {1.0F, -1.0F}) {
@@ -206,7 +204,6 @@ TEST(Cia402Axis, TheTorqueFrameHalvesExactlyAwayFromZero) {
 }
 
 // ---- line
-// -------------------------------------------------------------------------------------------------------------
 
 TEST(CanopenLine, SyncOnRequestAndAHeartbeatEveryFewGoodTicks) {
   drive::CanopenLine line(100, 3);

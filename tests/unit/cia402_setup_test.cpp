@@ -16,7 +16,6 @@ namespace esmc::test {
 namespace {
 
 // ---- set-up
-// ---------------------------------------------------------------------------------------------------------
 
 using Writes = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
 

@@ -30,7 +30,6 @@ using Machines = testing::Types<Five, Arm>;
 TYPED_TEST_SUITE(CycleFault, Machines);
 
 // ---- every fault
-// -----------------------------------------------------------------------------------------------
 
 template <class M>
 struct Case {
@@ -303,7 +302,6 @@ TYPED_TEST(CycleFault, IdleIsAskedForUntilItIsReportedAndAgainIfAnAxisRearms) {
 }
 
 // ---- ages, to the tick
-// -----------------------------------------------------------------------------------------
 
 TYPED_TEST(CycleFault, MissedSamplesAreExtrapolatedUpToTheLimitAndNotOneMore) {
   for (const std::uint32_t limit : {0U, 1U, 2U, 7U}) {

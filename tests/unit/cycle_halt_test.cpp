@@ -141,7 +141,6 @@ TEST(Halt, TheHeldPoseNeedNotBeInsideTheBoxThatWasLeft) {
 }
 
 // ---- the way onto the reference
-// --------------------------------------------------------------------------------
 
 TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
   const auto joins = [](std::uint32_t ticks, double speed_limit, double torque_limit,
@@ -213,7 +212,6 @@ TEST(Join, IsRefusedBeforeItHasGoneFar) {
 }
 
 // ---- sign test
-// -------------------------------------------------------------------------------------------------
 
 /// State that the test of a loop ends in, and how far a base joint got in it.
 struct Tested {
@@ -323,7 +321,6 @@ TEST(SignTest, AJointThatFivePercentCannotMoveIsNotTested) {
 }
 
 // ---- torque ramps in
-// -------------------------------------------------------------------------------------------
 
 TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
   esmc::test::Rig<FiveBar<double>> whole;
@@ -389,7 +386,6 @@ TEST(Ramp, TheWeightIsCarriedFromTheFirstTickOn) {
 }
 
 // ---- samples that do not fit each other
-// ------------------------------------------------------------------------
 
 TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
   for (const double off : {0.9e-3, 1.1e-3, -0.9e-3, -1.1e-3, 0.1}) {

@@ -471,7 +471,6 @@ TYPED_TEST(ControlCycle, ReceivingSeveralTimesInATickAgesOnce) {
 }
 
 // ---- what an axis may be left in
-// -------------------------------------------------------------------------------
 
 /// Heartbeats come every 100 ms, so that the last one is older than the request. Stopped (or failed) before
 /// the next one, the cycle believes the old "idle" and must not leave the axes armed for that.

@@ -264,7 +264,6 @@ TEST(CycleTorque, Type2IsGuardedUnlessAllJointsHaveMotorAndEncoder) {
 }
 
 // ---- limits
-// ----------------------------------------------------------------------------------------------------
 
 template <class M>
 class CycleLimit : public testing::Test {};
@@ -388,7 +387,6 @@ TYPED_TEST(CycleLimit, ALimitOfZeroIsObeyed) {
 }
 
 // ---- joining
-// ---------------------------------------------------------------------------------------------------
 
 /// With a join the reference starts where the mechanism is and as fast as it moves: the first torque is what
 /// holds it there, whatever the reference does, and the next ones change little by little.

@@ -20,7 +20,6 @@ double distance(const TickResult<FiveBar<double>>& r, const Vec2<double>& at) {
 }
 
 // ---- 7: saturation
-// -----------------------------------------------------------------------------------------------
 
 /// What the circle itself needs, N m: the largest torque once it is followed.
 double circle_torque() {
@@ -124,7 +123,6 @@ TEST(Saturation, LeavesNoStateInTheController) {
 }
 
 // ---- 8: type 2 and assembly modes
-// --------------------------------------------------------------------------------
 
 /// Straight down from (0, 0.17). With both elbows out the distal bars are in line at y = sqrt(0.12^2 -
 /// 0.11^2): their elbows then lie 2 x 0.16 apart, 0.11 beyond the base joints.

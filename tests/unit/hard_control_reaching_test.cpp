@@ -16,7 +16,6 @@ namespace {
 using M = FiveBar<double>;
 
 // ---- 1: gain times 1e4
-// -------------------------------------------------------------------------------------------
 
 struct Settled {
   double chatter = 0.0;  ///< mean |change of torque| per tick and motor, N m
@@ -73,7 +72,6 @@ TEST(HugeGain, DoesNotShowWithAToldDelay) {
 }
 
 // ---- 2: reaching time
-// --------------------------------------------------------------------------------------------
 
 /// Ticks until |s| is at rounding, and the largest |s| from then on, of s' = -k sw(s) in steps of h.
 struct Reached {
@@ -209,7 +207,6 @@ TEST(ReachingTime, ProjectedLawKeepsWhatFollowsFromF33) {
 }
 
 // ---- 3: B5
-// -------------------------------------------------------------------------------------------------------
 
 /// x' = [0 1; 19 -2] x + [0; 1] u, u held over h = 0.05 s: the exact step from its power series.
 struct LinearPlant {

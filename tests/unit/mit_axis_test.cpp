@@ -78,7 +78,6 @@ MitAxis ready_axis() {
 }
 
 // ---- whose frames
-// ----------------------------------------------------------------------------------------------
 
 TEST(MitAxis, TakesRepliesThatNameItOnTheMastersIdentifier) {
   for (const std::uint16_t master : {std::uint16_t{0}, std::uint16_t{0x11}, std::uint16_t{0x7FF}}) {
@@ -191,7 +190,6 @@ TEST(MitAxis, AReplyIsSampleAndHeartbeat) {
 }
 
 // ---- numbers
-// ---------------------------------------------------------------------------------------------------
 
 TEST(MitAxis, CodesBecomeJointAngleAndRate) {
   const AxisConfig mounting{.node = node, .direction = -1.0F, .gear_ratio = 4.0F, .offset = 0.25F};
@@ -239,7 +237,6 @@ TEST(MitAxis, TheTorqueADriveReportsIsTurnedToTheJoint) {
 }
 
 // ---- errors
-// ----------------------------------------------------------------------------------------------------
 
 /// Beyond the range the drive repeats its first or last code: the shaft may be anywhere.
 TEST(MitAxis, ASampleAtTheRailIsAnErrorAndNotAPosition) {
@@ -293,7 +290,6 @@ TEST(MitAxis, TheErrorFieldWhereThereIsOne) {
 }
 
 // ---- into motor mode and out of it
-// -----------------------------------------------------------------------------
 
 TEST(MitAxis, EnablingLeavesMotorModeWaitsForTheZeroCommandAndEnters) {
   MitAxis a = axis();
@@ -467,7 +463,6 @@ TEST(MitAxis, ThereIsNoEmergencyStopAndNothingToReadBack) {
 }
 
 // ---- Damiao reports its mode
-// -----------------------------------------------------------------------------------
 
 CanFrame mode(unsigned m) { return rest(m * 16 + node, 8); }
 
@@ -537,7 +532,6 @@ TEST(MitAxis, AModeThatIsNeverReportedIsNotAskedFor) {
 }
 
 // ---- anything at all
-// -------------------------------------------------------------------------------------------
 
 /// Whatever comes in whatever order: ready only after the frame that enters, samples finite, torque frames
 /// ours.

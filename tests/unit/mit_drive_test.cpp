@@ -190,7 +190,6 @@ TEST_F(MitDrive, ADriverBoardV3ActsOnEveryCommand) {
 }
 
 // ---- with the controller
-// ---------------------------------------------------------------------------------------
 
 class MitLoop : public testing::Test {
  protected:

@@ -27,7 +27,6 @@ using Bytes = std::vector<unsigned>;
 bool plain(const CanFrame& f) { return !f.extended && !f.remote && !f.fd && !f.bit_rate_switch; }
 
 // ---- golden frames
-// ---------------------------------------------------------------------------------------------
 
 TEST(OdriveCodec, IdentifierIsNodeTimes32PlusCommand) {
   EXPECT_EQ(identifier(0, Message::heartbeat), 0x001U);
@@ -163,7 +162,6 @@ TEST(OdriveCodec, WhatADriveOf06AnswersMatchesBytesPackedByHand) {
 }
 
 // ---- decoding
-// --------------------------------------------------------------------------------------------------
 
 TEST(OdriveCodec, HeartbeatFieldsAreWhereTheTableSays) {
   for (const Version v : {Version::v0_6, Version::v0_5_6}) {

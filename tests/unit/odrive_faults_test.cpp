@@ -25,7 +25,6 @@ TEST(OdriveAxis, ComponentErrorsOf056AreErrorsAndTrajectoryDoneIsNot) {
 }
 
 // ---- emergency stop
-// --------------------------------------------------------------------------------------------
 
 constexpr std::uint32_t estop_bit(Version v) { return v == Version::v0_6 ? 0x02000000 : 0x00004000; }
 
@@ -164,7 +163,6 @@ TEST(OdriveAxis, EmergencyStopsToItOrToAllAreItsOwnInAnyFormat) {
 }
 
 // ---- the watchdog has to bite once
-// ------------------------------------------------------------------------------
 
 constexpr std::uint32_t watchdog_bit(Version v) { return v == Version::v0_6 ? 0x01000000U : 0x00000800U; }
 

@@ -120,7 +120,6 @@ TEST(OdriveAxis, ItsEstimatedTorqueIsOfTheJointAndOfThisTick) {
 }
 
 // ---- ages
-// ------------------------------------------------------------------------------------------------------
 
 TEST(OdriveAxis, AgesCountTicksSinceTheLastFrameOfTheirKind) {
   OdriveAxis a = axis();
@@ -148,7 +147,6 @@ TEST(OdriveAxis, AgesCountTicksSinceTheLastFrameOfTheirKind) {
 }
 
 // ---- direction, gear, offset
-// -----------------------------------------------------------------------------------
 
 TEST(OdriveAxis, TurnsBecomeJointAnglesAndRates) {
   constexpr double turn = 2 * 3.14159265358979323846;

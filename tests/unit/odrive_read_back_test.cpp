@@ -238,7 +238,6 @@ TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
 }
 
 // ---- in the axis
-// -----------------------------------------------------------------------------------------------
 
 std::vector<CanFrame> enable(OdriveAxis& a) {
   Sink sink;

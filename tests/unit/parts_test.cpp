@@ -156,7 +156,6 @@ TYPED_TEST(Parts, SuperTwistingOnTheArmActsOnItsJoints) {
 }
 
 // ---- on the plant
-// --------------------------------------------------------------------------------------------------------
 
 struct Score {
   double rms = 0.0, chatter = 0.0;

@@ -18,7 +18,6 @@ using Five = FiveBar<double>;
 using Rig = esmc::test::Rig<Five>;
 
 // ---- zero
-// ------------------------------------------------------------------------------------------------------
 
 /// Encoders that count from where they were switched on: off by 0.3 and -0.2 rad.
 esmc::test::Setup<Five> relative() {
@@ -150,7 +149,6 @@ TEST(ZeroPose, AbsoluteEncodersHaveNothingToConfirm) {
 }
 
 // ---- reported torque
-// -------------------------------------------------------------------------------------------
 
 using Echo = esmc::TorqueFeedbackCheck<Five>;
 constexpr double tick = 1e-3;
@@ -206,7 +204,6 @@ TEST(TorqueFeedbackCheck, ReportsNeedNotComeInEveryTick) {
 }
 
 // ---- phase and lead
-// --------------------------------------------------------------------------------------------
 
 TEST(Phase, AnglesAreTakenToWhereTheyWillBeWhenTheTorqueActs) {
   auto s = esmc::test::setup<Five>();

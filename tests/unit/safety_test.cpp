@@ -18,7 +18,6 @@ using esmc::limit_torque;
 using esmc::TorqueCheck;
 
 // ---- guards
-// ----------------------------------------------------------------------------------------------------
 
 template <class S>
 using Numbers = std::numeric_limits<S>;
@@ -204,7 +203,6 @@ TYPED_TEST(Guards, FiniteMeansFinite) {
 }
 
 // ---- torque
-// ----------------------------------------------------------------------------------------------------
 
 TYPED_TEST(Guards, TorqueIsPassedClampedOrZero) {
   using S = TypeParam;

@@ -270,7 +270,6 @@ TEST(Slcan, OldDataDoNotShowThroughAShorterFrame) {
 }
 
 // ---- the bus
-// ---------------------------------------------------------------------------------------------------
 
 /// A port in memory that gives out `at_once` bytes between two calls of more().
 class Wire {
