@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <bit>
 #include <cstdint>
 #include <vector>
@@ -166,77 +165,6 @@ TEST(CanopenCodec, WhatHasNoValueHasNoneAndAnAbortHasFourBytes) {
   EXPECT_EQ(Object{}, (Object{0, 0}));
 }
 
-TEST(CanopenCodec, AbortCodesAreThoseOfTheStandard) {
-  EXPECT_EQ(abort_time_out, 0x05040000U) << "SDO protocol timed out";
-  EXPECT_EQ(abort_command, 0x05040001U) << "command specifier not valid or unknown";
-  EXPECT_EQ(abort_read_only, 0x06010002U);
-  EXPECT_EQ(abort_no_object, 0x06020000U);
-  EXPECT_EQ(abort_not_mappable, 0x06040041U);
-  EXPECT_EQ(abort_pdo_length, 0x06040042U);
-  EXPECT_EQ(abort_length, 0x06070010U);
-  EXPECT_EQ(abort_no_sub_index, 0x06090011U);
-  EXPECT_EQ(abort_value, 0x06090030U) << "value range exceeded";
-  EXPECT_EQ(abort_device_state, 0x08000022U);
-}
-
-/// CiA 301: predefined connection set. Four bits of function, seven of node.
-TEST(CanopenCodec, IdentifiersAreThoseOfThePredefinedConnectionSet) {
-  EXPECT_EQ(node_max, 127);
-  EXPECT_EQ(node_mask, 127U);
-  EXPECT_EQ(function_mask, 15U * 128U);
-  const std::array<std::uint32_t, 14> ids{id_nmt,       id_sync,        id_tpdo1,     id_rpdo1,    id_tpdo2,
-                                          id_rpdo2,     id_tpdo3,       id_rpdo3,     id_tpdo4,    id_rpdo4,
-                                          id_sdo_reply, id_sdo_request, id_heartbeat, id_emergency};
-  const std::array<std::uint32_t, 14> functions{0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 1};
-  for (std::size_t i = 0; i < ids.size(); ++i) EXPECT_EQ(ids[i], functions[i] * 128U) << i;
-  EXPECT_EQ(cob_invalid, 1U << 31U);
-  EXPECT_EQ(cob_no_rtr, 1U << 30U);
-}
-
-/// CiA 301 and CiA 402, object dictionary.
-TEST(Cia402Codec, ObjectsAreThoseOfTheDictionary) {
-  using namespace cia402;
-  struct Row {
-    Object object;
-    std::uint16_t index;
-    std::uint8_t sub;
-  };
-  for (const Row& r : {Row{device_type, 0x1000, 0},
-                       Row{error_register, 0x1001, 0},
-                       Row{sync_cob_id, 0x1005, 0},
-                       Row{sync_period, 0x1006, 0},
-                       Row{emergency_cob_id, 0x1014, 0},
-                       Row{consumer_heartbeat, 0x1016, 1},
-                       Row{producer_heartbeat, 0x1017, 0},
-                       Row{error_behaviour, 0x1029, 1},
-                       Row{abort_connection_option, 0x6007, 0},
-                       Row{error_code, 0x603F, 0},
-                       Row{controlword, 0x6040, 0},
-                       Row{statusword, 0x6041, 0},
-                       Row{quick_stop_option, 0x605A, 0},
-                       Row{fault_reaction_option, 0x605E, 0},
-                       Row{mode_of_operation, 0x6060, 0},
-                       Row{mode_display, 0x6061, 0},
-                       Row{position, 0x6064, 0},
-                       Row{velocity, 0x606C, 0},
-                       Row{target_torque, 0x6071, 0},
-                       Row{max_torque, 0x6072, 0},
-                       Row{rated_torque, 0x6076, 0},
-                       Row{actual_torque, 0x6077, 0},
-                       Row{interpolation_value, 0x60C2, 1},
-                       Row{interpolation_index, 0x60C2, 2},
-                       Row{supported_modes, 0x6502, 0}}) {
-    EXPECT_EQ(r.object.index, r.index);
-    EXPECT_EQ(r.object.sub, r.sub) << std::hex << r.index;
-  }
-  EXPECT_EQ(rpdo_communication, 0x1400);
-  EXPECT_EQ(rpdo_mapping, 0x1600);
-  EXPECT_EQ(tpdo_communication, 0x1800);
-  EXPECT_EQ(tpdo_mapping, 0x1A00);
-  EXPECT_EQ(control_quick_stop, 0x02) << "bit 2, active low, is 0; voltage enabled";
-  EXPECT_EQ(supports_cyclic_torque, 0x200U) << "bit mode - 1";
-}
-
 TEST(Cia402Codec, ProcessData) {
   EXPECT_EQ(cia402::encode_command(3, {0x0F, 1000}), can(0x203, {0x0F, 0x00, 0xE8, 0x03}));
   EXPECT_EQ(cia402::encode_command(127, {0x80, -32768}), can(0x27F, {0x80, 0x00, 0x00, 0x80}));
@@ -255,37 +183,6 @@ TEST(Cia402Codec, ProcessData) {
   EXPECT_EQ(cia402::mapped({0x6064, 0}, 32), 0x6064'0020U);
   EXPECT_EQ(cia402::mapped({0x1234, 0x56}, 0x78), 0x1234'5678U);
   EXPECT_EQ(cia402::encode_command(3, {0x1234, 0x5678}), can(0x203, {0x34, 0x12, 0x78, 0x56}));
-}
-
-/// Every statusword against the table of masks; no two rows may claim the same word.
-TEST(Cia402Codec, StatuswordDecidesTheState) {
-  using cia402::State;
-  struct Row {
-    unsigned mask, value;
-    State state;
-    bool free;
-  };
-  const std::array<Row, 8> rows{{{0x4F, 0x00, State::not_ready, true},
-                                 {0x4F, 0x40, State::switch_on_disabled, true},
-                                 {0x6F, 0x21, State::ready_to_switch_on, true},
-                                 {0x6F, 0x23, State::switched_on, false},
-                                 {0x6F, 0x27, State::operation_enabled, false},
-                                 {0x6F, 0x07, State::quick_stop_active, false},
-                                 {0x4F, 0x0F, State::fault_reaction_active, false},
-                                 {0x4F, 0x08, State::fault, true}}};
-  for (unsigned word = 0; word < 0x10000; ++word) {
-    State expected = State::unknown;
-    int claims = 0;
-    for (const Row& r : rows) {
-      if ((word & r.mask) != r.value) continue;
-      expected = r.state;
-      ++claims;
-    }
-    ASSERT_LE(claims, 1);
-    ASSERT_EQ(cia402::state_of(static_cast<std::uint16_t>(word)), expected) << word;
-  }
-  for (const Row& r : rows) EXPECT_EQ(cia402::is_torque_free(r.state), r.free);
-  EXPECT_FALSE(cia402::is_torque_free(State::unknown));
 }
 
 }  // namespace

@@ -7,7 +7,6 @@
 
 #include "firmware/drive/axis.hpp"
 #include "firmware/drive/cia402_setup.hpp"
-#include "firmware/drive/mit_axis.hpp"
 #include "tests/support/odrive_bench.hpp"
 
 namespace {
@@ -113,14 +112,6 @@ TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
   hear(a, 8);
   EXPECT_FALSE(a.ready());
   EXPECT_TRUE(a.tx_suspended() && a.setting_up()) << "its watchdog is being tested";
-}
-
-/// What is written in a log is read by people: the numbers are part of the interface.
-TEST(DriveNumbers, AreTheDocumentedOnes) {
-  EXPECT_EQ(OdriveReadBack::version_endpoint, 0xFFFF);
-  EXPECT_EQ(MitAxis::position_at_rail, 0x100U) << "the low eight bits are the drive's own";
-  EXPECT_EQ(MitAxis::velocity_at_rail, 0x200U);
-  EXPECT_EQ(MitAxis::position_lost, 0x400U);
 }
 
 TEST(AxisConfig, IsAMotorThatTurnsWithItsJoint) {

@@ -32,6 +32,7 @@ static_assert(are(std::array{Message::get_version, Message::heartbeat, Message::
 static_assert(are(std::array{odrive::AxisState::undefined, odrive::AxisState::idle,
                              odrive::AxisState::closed_loop_control},
                   {0, 1, 8}));
+static_assert(OdriveReadBack::version_endpoint == 0xFFFF);
 static_assert(odrive::control_mode_torque == 1 && odrive::input_mode_passthrough == 1);
 static_assert(odrive::node_max == 62 && odrive::node_broadcast == 63);
 static_assert(odrive::error_watchdog_0_6 == 1U << 24U && odrive::error_watchdog_0_5_6 == 1U << 11U);
@@ -52,7 +53,8 @@ static_assert(are(std::array{mit::Special::enter, mit::Special::leave, mit::Spec
 static_assert(mit::code_max_16 == 65535 && mit::code_max_12 == 4095);
 static_assert(mit::middle_16 == 32768 && mit::middle_12 == 2048);
 static_assert(mit::v3_command == 8 * 256 && mit::v3_reply == 0x29 * 256 && mit::v3_command_max == 0x10FF);
-static_assert(MitAxis::position_at_rail == 256 && MitAxis::velocity_at_rail == 512);
+static_assert(MitAxis::position_at_rail == 256 &&
+              MitAxis::velocity_at_rail == 512);  // the low bits are the drive's
 static_assert(MitAxis::position_lost == 1024);
 
 // ---- moteus
@@ -112,30 +114,53 @@ static_assert(cia402::supports_cyclic_torque == 512);
 static_assert(cia402::control_disable_voltage == 0 && cia402::control_quick_stop == 2);
 static_assert(cia402::control_shutdown == 6 && cia402::control_switch_on == 7);
 static_assert(cia402::control_enable_operation == 15 && cia402::control_fault_reset == 128);
-/// x0xx 0000 and so on, of bits 6, 5, 3, 2, 1 and 0 of the statusword.
-constexpr cia402::State by_profile(unsigned status) {
-  using cia402::State;
-  if ((status & 0x4FU) == 0x00U) return State::not_ready;
-  if ((status & 0x4FU) == 0x40U) return State::switch_on_disabled;
-  if ((status & 0x6FU) == 0x21U) return State::ready_to_switch_on;
-  if ((status & 0x6FU) == 0x23U) return State::switched_on;
-  if ((status & 0x6FU) == 0x27U) return State::operation_enabled;
-  if ((status & 0x6FU) == 0x07U) return State::quick_stop_active;
-  if ((status & 0x4FU) == 0x0FU) return State::fault_reaction_active;
-  return (status & 0x4FU) == 0x08U ? State::fault : State::unknown;
-}
-constexpr bool states_are_those_of_the_profile() {
-  for (unsigned status = 0; status < 256; ++status) {
-    if (cia402::state_of(static_cast<std::uint16_t>(status)) != by_profile(status)) return false;
-  }
-  return true;
-}
-static_assert(states_are_those_of_the_profile());
 
-TEST(DriveNumbers, AreThoseOfTheDocuments) {  // where they are no constants
-  for (unsigned status = 0; status < 0x10000; ++status) {
-    ASSERT_EQ(cia402::state_of(static_cast<std::uint16_t>(status)), by_profile(status)) << status;
+/// CiA 301, predefined connection set: four bits of function, seven of node.
+static_assert(canopen::node_max == 127 && canopen::node_mask == 127);
+static_assert(canopen::function_mask == 15 * 128);
+static_assert(are(
+    std::array{canopen::id_nmt, canopen::id_sync, canopen::id_emergency, canopen::id_tpdo1, canopen::id_rpdo1,
+               canopen::id_tpdo2, canopen::id_rpdo2, canopen::id_tpdo3, canopen::id_rpdo3, canopen::id_tpdo4,
+               canopen::id_rpdo4, canopen::id_sdo_reply, canopen::id_sdo_request, canopen::id_heartbeat},
+    {0x000, 0x080, 0x080, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x600, 0x700}));
+static_assert(canopen::cob_invalid == 1U << 31U && canopen::cob_no_rtr == 1U << 30U);
+// Of SDO, in the order of CiA 301.
+static_assert(are(std::array{canopen::abort_time_out, canopen::abort_command, canopen::abort_read_only,
+                             canopen::abort_no_object, canopen::abort_not_mappable, canopen::abort_pdo_length,
+                             canopen::abort_length, canopen::abort_no_sub_index, canopen::abort_value,
+                             canopen::abort_device_state},
+                  {0x0504'0000, 0x0504'0001, 0x0601'0002, 0x0602'0000, 0x0604'0041, 0x0604'0042, 0x0607'0010,
+                   0x0609'0011, 0x0609'0030, 0x0800'0022}));
+
+/// Every statusword against the table of masks; no two rows may claim the same word.
+TEST(DriveNumbers, StatuswordDecidesTheState) {
+  using cia402::State;
+  struct Row {
+    unsigned mask, value;
+    State state;
+    bool free;
+  };
+  const std::array<Row, 8> rows{{{0x4F, 0x00, State::not_ready, true},
+                                 {0x4F, 0x40, State::switch_on_disabled, true},
+                                 {0x6F, 0x21, State::ready_to_switch_on, true},
+                                 {0x6F, 0x23, State::switched_on, false},
+                                 {0x6F, 0x27, State::operation_enabled, false},
+                                 {0x6F, 0x07, State::quick_stop_active, false},
+                                 {0x4F, 0x0F, State::fault_reaction_active, false},
+                                 {0x4F, 0x08, State::fault, true}}};
+  for (unsigned word = 0; word < 0x10000; ++word) {
+    State expected = State::unknown;
+    int claims = 0;
+    for (const Row& r : rows) {
+      if ((word & r.mask) != r.value) continue;
+      expected = r.state;
+      ++claims;
+    }
+    ASSERT_LE(claims, 1);
+    ASSERT_EQ(cia402::state_of(static_cast<std::uint16_t>(word)), expected) << word;
   }
+  for (const Row& r : rows) EXPECT_EQ(cia402::is_torque_free(r.state), r.free);
+  EXPECT_FALSE(cia402::is_torque_free(State::unknown));
 }
 
 }  // namespace

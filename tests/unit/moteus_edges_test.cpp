@@ -19,8 +19,6 @@ using drive::Received;
 using drive::moteus::Builder;
 using drive::moteus::Subframe;
 using drive::moteus::Subframes;
-static_assert(drive::moteus::unit(0x29, drive::moteus::Type::i8) == 1.0F);  // behind the commands
-static_assert(drive::moteus::unit(0x04, drive::moteus::Type::i8) == 1.0F);  // behind the state
 
 /// True if these subframes are well-formed to their end.
 bool well_formed(const std::string& digits) {

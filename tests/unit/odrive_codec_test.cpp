@@ -37,33 +37,6 @@ TEST(OdriveCodec, IdentifierIsNodeTimes32PlusCommand) {
   EXPECT_EQ(identifier(0x3E, Message::estop), 0x7C2U);
 }
 
-TEST(OdriveCodec, CommandNumbersAreThoseOfTheTable) {
-  EXPECT_EQ(static_cast<int>(Message::get_version), 0x00);
-  EXPECT_EQ(static_cast<int>(Message::heartbeat), 0x01);
-  EXPECT_EQ(static_cast<int>(Message::estop), 0x02);
-  EXPECT_EQ(static_cast<int>(Message::get_error), 0x03);
-  EXPECT_EQ(static_cast<int>(Message::rx_sdo), 0x04);
-  EXPECT_EQ(static_cast<int>(Message::tx_sdo), 0x05);
-  EXPECT_EQ(static_cast<int>(Message::set_axis_state), 0x07);
-  EXPECT_EQ(static_cast<int>(Message::encoder_estimates), 0x09);
-  EXPECT_EQ(static_cast<int>(Message::set_controller_mode), 0x0B);
-  EXPECT_EQ(static_cast<int>(Message::set_input_torque), 0x0E);
-  EXPECT_EQ(static_cast<int>(Message::clear_errors), 0x18);
-  EXPECT_EQ(static_cast<int>(Message::get_torques), 0x1C);
-  EXPECT_EQ(static_cast<int>(AxisState::undefined), 0);
-  EXPECT_EQ(static_cast<int>(AxisState::idle), 1);
-  EXPECT_EQ(static_cast<int>(AxisState::closed_loop_control), 8);
-}
-
-TEST(OdriveCodec, ErrorBitsAreThoseOfTheTable) {
-  EXPECT_EQ(error_watchdog_0_6, 1U << 24U);
-  EXPECT_EQ(error_watchdog_0_5_6, 0x800U);
-  EXPECT_EQ(error_estop_0_6, 1U << 25U);
-  EXPECT_EQ(error_estop_0_5_6, 0x4000U);
-  EXPECT_EQ(node_max, 62) << "63 addresses all";
-  EXPECT_EQ(node_broadcast, 63);
-}
-
 TEST(OdriveCodec, SetAxisStateCarriesTheStateInTheFirstFourBytes) {
   const CanFrame on = encode_set_axis_state(2, AxisState::closed_loop_control);
   const CanFrame off = encode_set_axis_state(2, AxisState::idle);
