@@ -7,19 +7,6 @@
 namespace esmc::test {
 namespace {
 
-TEST(Cia402Counts, ATickInAnotherModeStartsTheConfirmationsAgain) {
-  Bench b;
-  ASSERT_TRUE(b.make_ready());
-  b.slave.mode = 1;
-  b.tick();
-  EXPECT_FALSE(b.axis.ready());
-  b.slave.mode = 10;
-  b.tick();
-  EXPECT_FALSE(b.axis.ready()) << "once since";
-  b.tick();
-  EXPECT_TRUE(b.axis.ready());
-}
-
 TEST(Cia402Counts, ATickWithTorqueStartsTheQuietTicksAgain) {
   Bench b;
   ASSERT_TRUE(b.make_ready());
@@ -32,11 +19,6 @@ TEST(Cia402Counts, ATickWithTorqueStartsTheQuietTicksAgain) {
   }
   b.disable();
   EXPECT_TRUE(b.axis.idle()) << "twice since";
-}
-
-TEST(Cia402Counts, BeforeTheFirstFrameThereIsNoSample) {
-  const Bench b;
-  EXPECT_FALSE(b.axis.brought_sample());
 }
 
 /// The PDOs that the loop runs on must be there when they are switched on, even if they were when they were

@@ -54,12 +54,6 @@ TEST(Cia402Axis, AFaultBeforeItIsSwitchedOnIsResetFromDisabledVoltage) {
   EXPECT_EQ(b.control(), 0x80U);
 }
 
-TEST(Cia402Axis, StaysOperationalWithoutUsWhereTheDriveLetsItBeWritten) {
-  Bench b;
-  ASSERT_TRUE(b.make_ready());
-  EXPECT_EQ(b.slave.objects[entry(0x1029, 1)], 1U) << "in the length that it has";
-}
-
 TEST(Cia402Axis, AfterAReportOfTorqueItTakesTwoWithout) {
   Bench b;
   ASSERT_TRUE(b.make_ready());

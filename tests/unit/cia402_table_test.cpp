@@ -93,14 +93,33 @@ constexpr std::size_t difference() {
 static_assert(cia402::setup.size() == count);
 static_assert(difference() == count);
 
-TEST(Cia402Table, PeriodsThatAreNoWholeMilliseconds) {
+/// Rounded half up to a byte and a power of ten of a second, and no longer than 255 s.
+TEST(Cia402Table, PeriodsAndTheirIndex) {
   struct Case {
     std::uint32_t us;
     int value, index;
   };
-  for (const Case c :
-       {Case{1, 1, -6}, Case{10, 1, -5}, Case{100, 1, -4}, Case{1000, 1, -3}, Case{10'000, 10, -3},
-        Case{255'000, 255, -3}, Case{256'000, 26, -2}, Case{251, 251, -6}, Case{256, 26, -5}}) {
+  for (const Case c : {Case{0, 0, -3},
+                       Case{1, 1, -6},
+                       Case{10, 1, -5},
+                       Case{100, 1, -4},
+                       Case{125, 125, -6},
+                       Case{250, 25, -5},
+                       Case{251, 251, -6},
+                       Case{256, 26, -5},
+                       Case{333, 33, -5},
+                       Case{500, 5, -4},
+                       Case{1000, 1, -3},
+                       Case{1284, 128, -5},
+                       Case{1285, 129, -5},
+                       Case{2000, 2, -3},
+                       Case{10'000, 10, -3},
+                       Case{255'000, 255, -3},
+                       Case{256'000, 26, -2},
+                       Case{300'000, 30, -2},
+                       Case{256'000'000, 255, 0},
+                       Case{2'550'000'000, 255, 0},
+                       Case{4'000'000'000, 255, 0}}) {
     EXPECT_EQ(cia402::interpolation(c.us).value, c.value) << c.us;
     EXPECT_EQ(cia402::interpolation(c.us).index, c.index) << c.us;
   }
