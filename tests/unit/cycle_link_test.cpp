@@ -63,12 +63,18 @@ struct Linked {
     for (int i = 0; i < ticks && desk.state != state; ++i) tick();
     ASSERT_EQ(desk.state, state);
   }
-  void arm_for_set_points() {
+  void listen() {
     for (int i = 0; i < 6; ++i) tick();
     tick({desk.ask(2)});
-    tick({desk.order(Desk::stream)});
+  }
+  void arm() {
     tick({desk.order(Desk::arm)});
     until_told(static_cast<unsigned>(State::running));
+  }
+  void arm_for_set_points() {
+    listen();
+    tick({desk.order(Desk::stream)});
+    arm();
   }
   Rig<M> rig;
   Desk desk;
@@ -124,11 +130,7 @@ template <class M>
 void live_by_frames() {
   Linked<M> l;
   Desk& desk = l.desk;
-  for (int i = 0; i < 6; ++i) l.tick();
-  l.tick({desk.ask(2)});
-  l.tick({desk.order(Desk::stream)});
-  l.tick({desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.arm_for_set_points();
   EXPECT_EQ(desk.source, 2U);
   // It holds where it is, then takes a set point 20 mm or mrad away, along a way without jumps.
   const auto here = l.tick();
@@ -167,8 +169,7 @@ void live_by_frames() {
   // Reset, arm once more, disarm.
   l.tick({desk.order(Desk::reset)});
   l.until_told(static_cast<unsigned>(State::disabled));
-  l.tick({desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.arm();
   l.tick({desk.order(Desk::disarm)});
   l.until_told(static_cast<unsigned>(State::disabled));
   EXPECT_TRUE(l.rig.all_zero());
@@ -179,17 +180,14 @@ TEST(CycleLink, RrInFloatLivesByFramesAlone) { live_by_frames<Rr<float>>(); }
 
 TEST(CycleLink, TheReferenceRunsUnlessTheComputerChoosesOtherwise) {
   Linked<FiveBar<double>> l;
-  for (int i = 0; i < 6; ++i) l.tick();
-  l.tick({l.desk.ask(2)});
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.listen();
+  l.arm();
   const auto a = l.tick(), b = l.tick();
   EXPECT_NE(a.desired_effector, b.desired_effector) << "the circle turns";
   l.tick({l.desk.order(Desk::off)});
   l.until_told(static_cast<unsigned>(State::disabled));
   l.tick({l.desk.order(Desk::hold)});
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.arm();
   const auto c = l.tick(), d = l.tick();
   EXPECT_EQ(c.desired_effector, d.desired_effector);
 }
@@ -200,10 +198,8 @@ TEST(CycleLink, TheReferenceIsHeldOnItsPath) {
   s.link.source = link::Source::reference;
   s.controller.limits.joint_speed = 1e3;  // the mechanism does not follow
   Linked<FiveBar<double>> l(s);
-  for (int i = 0; i < 6; ++i) l.tick();
-  l.tick({l.desk.ask(2)});
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.listen();
+  l.arm();
   Vec2<double> last = l.tick().desired_effector;
   double speed = 0.2;  // 0.02 m at 10 rad/s
   const auto go = [&](int ticks, const std::vector<hal::CanFrame>& frames = {}) {
@@ -229,8 +225,7 @@ TEST(CycleLink, TheReferenceIsHeldOnItsPath) {
   // After an episode the hold is over, the percentage is not.
   l.tick({l.desk.order(Desk::disarm)});
   l.until_told(static_cast<unsigned>(State::disabled));
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.arm();
   last = l.tick().desired_effector;
   speed = 0.05;
   go(100);
@@ -244,10 +239,8 @@ TEST(CycleLink, AHoldBeyondTheTorqueWaitsAndEnds) {
   s.controller.limits.joint_speed = 1e3;
   for (auto& most : s.controller.torque_limit) most = 1e-6;
   Linked<FiveBar<double>> l(s);
-  for (int i = 0; i < 6; ++i) l.tick();
-  l.tick({l.desk.ask(2)});
-  l.tick({l.desk.order(Desk::arm)});
-  l.until_told(static_cast<unsigned>(State::running));
+  l.listen();
+  l.arm();
   Vec2<double> last = l.tick({l.desk.order(Desk::hold)}).desired_effector;
   const auto speed_after = [&](int ticks) {
     Vec2<double> now = last;
@@ -314,8 +307,7 @@ TEST(CycleLink, AComputerThatIsGoneEndsEveryArmedState) {
       s.controller.join_ticks = 1000;
       if (at == State::testing) s.controller.sign_test_move = 0.2;
       Linked<M> l(s);
-      for (int i = 0; i < 6; ++i) l.tick();
-      l.tick({l.desk.ask(2)});
+      l.listen();
       l.tick();
       l.rig.obedient = at != State::enabling;
       l.tick({l.desk.order(Desk::arm)});
@@ -414,8 +406,7 @@ TEST(CycleLink, GainsReachTheLaw) {
     }
     l.tick({l.desk.ask(2)});
     for (int i = 0; i < 10; ++i) l.tick();  // answers and the table
-    l.tick({l.desk.order(Desk::arm)});
-    l.until_told(static_cast<unsigned>(State::running));
+    l.arm();
     for (int i = 0; i < 20; ++i) l.tick();
     const auto& g = l.rig.cycle.controller().config().gains;
     EXPECT_EQ(g.lambda.minCoeff(), lambda.value_or(20.0F));
@@ -427,15 +418,6 @@ TEST(CycleLink, GainsReachTheLaw) {
     return l.tick().torque;
   };
   EXPECT_NE(torque(20.0F), torque(40.0F));
-}
-
-TEST(CycleLink, DriveErrorsAreToldWithTheirAxis) {
-  Linked<FiveBar<double>> l;
-  ASSERT_TRUE(l.rig.start());
-  l.rig.error[1] = 0x1234;
-  for (int i = 0; i < 10; ++i) l.tick();
-  EXPECT_EQ(l.desk.last(Desk::record).data[1], 1);
-  EXPECT_EQ(Desk::word(l.desk.last(Desk::detail), 4, 4), 0x1234U);
 }
 
 TEST(CycleLink, TelemetryIsWhatTheTickDid) {
@@ -480,12 +462,10 @@ TEST(CycleLink, DamagedFramesNeverMoveAnything) {
   const auto draw = [&](unsigned n) { return static_cast<unsigned>(random() % n); };
   for (const bool running : {false, true}) {
     Linked<FiveBar<double>> l;
-    for (int i = 0; i < 6; ++i) l.tick();
-    l.tick({l.desk.ask(2)});
+    l.listen();
     l.tick({l.desk.order(Desk::stream)});
     if (running) {
-      l.tick({l.desk.order(Desk::arm)});
-      l.until_told(static_cast<unsigned>(State::running));
+      l.arm();
     }
     const auto still = l.tick().desired_effector;
     Desk other = l.desk;
