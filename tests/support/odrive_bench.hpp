@@ -9,6 +9,7 @@
 
 #include "firmware/drive/odrive_axis.hpp"
 #include "tests/support/odrive_bytes.hpp"
+#include "tests/support/torque_frame.hpp"
 
 namespace esmc::test {
 
@@ -23,25 +24,11 @@ inline constexpr std::uint32_t retry = 10;
 
 inline OdriveAxis axis(Version v = Version::v0_6) { return {AxisConfig{.node = node}, v, retry}; }
 
-/// What is offered to a bus that takes all of it, or nothing.
-inline std::vector<CanFrame> enable(OdriveAxis& a, bool taken = true) {
-  std::vector<CanFrame> sent;
-  a.enable([&](const CanFrame& f) {
-    sent.push_back(f);
-    return taken;
-  });
-  return sent;
-}
 inline bool only(const std::vector<CanFrame>& sent, unsigned command) {
   return sent.size() == 1 && node_of(sent[0]) == node && command_of(sent[0]) == command;
 }
-inline std::vector<CanFrame> disable(OdriveAxis& a) {
-  std::vector<CanFrame> sent;
-  a.disable([&](const CanFrame& f) { sent.push_back(f); });
-  return sent;
-}
 /// A heartbeat in a tick of its own.
-inline void hear(OdriveAxis& a, std::uint8_t state, std::uint32_t error = 0,
+inline void hear(OdriveAxis& a, std::uint8_t state = axis_idle, std::uint32_t error = 0,
                  std::array<std::uint8_t, 3> rest = {}) {
   a.begin_tick();
   ASSERT_EQ(a.receive(heartbeat(node, state, error, rest)), Received::accepted);
@@ -54,11 +41,14 @@ inline void ask(OdriveAxis& a) {
   ASSERT_TRUE(only(enable(a), cmd_axis_state));
 }
 /// Asks for closed-loop control and confirms it twice.
-inline OdriveAxis ready_axis() {
-  OdriveAxis a = axis();
+inline void arm(OdriveAxis& a) {
   ask(a);
   hear(a, 8);
   hear(a, 8);
+}
+inline OdriveAxis ready_axis() {
+  OdriveAxis a = axis();
+  arm(a);
   return a;
 }
 

@@ -107,9 +107,7 @@ TEST(OdriveAxisCorners, AFrameThatIsNotTakenSaysNothingAboutTheLastSample) {
 TEST(OdriveAxisCorners, TheLongestRetryTimeProvesNoWatchdog) {
   OdriveAxis a({.node = node}, OdriveAxis::Version::v0_6, 0xFFFF'FFFF);
   a.prove_watchdog(5);
-  test::ask(a);
-  hear(a, 8);
-  hear(a, 8);
+  test::arm(a);
   EXPECT_FALSE(a.ready());
   EXPECT_TRUE(a.tx_suspended() && a.setting_up()) << "its watchdog is being tested";
 }

@@ -26,9 +26,7 @@ TEST(OdriveEdges, ZeroAfterAPositionNearbyIsAnAngle) {
 
 TEST(OdriveEdges, TheFirstAngleAfterTorqueControlMayBeZero) {
   OdriveAxis a = axis(Version::v0_5_6);
-  ask(a);
-  hear(a, 8);
-  hear(a, 8);
+  arm(a);
   EXPECT_TRUE(told(a, 0.0F));
   EXPECT_TRUE(a.ready());
 }

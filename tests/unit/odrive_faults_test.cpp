@@ -171,11 +171,21 @@ OdriveAxis starving(Version v, std::uint32_t ticks = 20) {
   OdriveAxis a = axis(v);
   a.prove_watchdog(ticks);
   hear(a, 1);
-  ask(a);
-  hear(a, 8);
-  a.begin_tick();
-  hear(a, 8);
+  arm(a);
   return a;
+}
+
+/// The watchdog has tripped.
+void bite(OdriveAxis& a, Version v = Version::v0_6) {
+  hear(a, 1, watchdog_bit(v));
+  (void)enable(a);
+}
+/// A heartbeat, and another one in closed loop where that is asked for.
+void obey(OdriveAxis& a, std::uint8_t state, std::uint32_t error = 0) {
+  hear(a, state, error);
+  for (const CanFrame& f : enable(a)) {
+    if (command_of(f) == cmd_axis_state) hear(a, 8);
+  }
 }
 
 TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
@@ -190,18 +200,12 @@ TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
       EXPECT_TRUE(a.tx_suspended());
       EXPECT_FALSE(a.ready());
     }
-    a.begin_tick();
-    hear(a, 1, watchdog_bit(v));
-    (void)enable(a);
+    bite(a, v);
     EXPECT_FALSE(a.tx_suspended());
     EXPECT_FALSE(a.config_mismatch());
     // All of it once more, and then it is ready at the second heartbeat.
     for (int n = 0; n < 10 && !a.closed_loop(); ++n) {
-      a.begin_tick();
-      hear(a, 1, n < 2 ? watchdog_bit(v) : 0);
-      for (const CanFrame& f : enable(a)) {
-        if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
-      }
+      obey(a, 1, n < 2 ? watchdog_bit(v) : 0);
     }
     a.begin_tick();
     hear(a, 8);
@@ -214,14 +218,11 @@ TEST(OdriveAxis, AWatchdogToBeProvenIsStarvedOnceBeforeTheAxisIsReady) {
 TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
   for (const std::uint32_t silent : {retry, retry + 1}) {
     OdriveAxis a = starving(Version::v0_5_6);
-    hear(a, 1, watchdog_bit(Version::v0_5_6));
-    (void)enable(a);
+    bite(a, Version::v0_5_6);
     (void)disable(a);
     hear(a, 1);
     for (std::uint32_t n = 1; n < silent; ++n) a.begin_tick();
-    ask(a);
-    hear(a, 8);
-    hear(a, 8);
+    arm(a);
     EXPECT_EQ(a.tx_suspended(), silent > retry) << silent;
     EXPECT_EQ(a.ready(), silent <= retry) << silent;
   }
@@ -232,12 +233,8 @@ TEST(OdriveAxis, AnAxisThatWasSilentHasToProveItsWatchdogAgain) {
 TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
   for (const std::uint32_t silent : {retry, retry + 1, 3 * retry}) {
     OdriveAxis a = starving(Version::v0_6, silent == retry + 1 ? 1 : 20);
-    hear(a, 1, watchdog_bit(Version::v0_6));
-    (void)enable(a);
-    ask(a);
-    hear(a, 8);
-    a.begin_tick();
-    hear(a, 8);
+    bite(a);
+    arm(a);
     ASSERT_TRUE(a.ready());
     for (std::uint32_t n = 0; n < silent; ++n) a.begin_tick();  // the cycle runs: nobody calls enable()
     for (int n = 0; n < 4; ++n) {
@@ -249,10 +246,7 @@ TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
     // Enabled the next time it has to prove its watchdog again.
     (void)disable(a);
     hear(a, 1);
-    ask(a);
-    hear(a, 8);
-    a.begin_tick();
-    hear(a, 8);
+    arm(a);
     EXPECT_EQ(a.tx_suspended(), silent >= retry) << silent;
   }
 }
@@ -261,19 +255,13 @@ TEST(OdriveAxis, AnAxisThatRunsIsNeverStarved) {
 TEST(OdriveAxis, AnAxisThatFellIdleHasToProveItsWatchdogAgain) {
   for (const bool bitten : {false, true}) {
     OdriveAxis a = starving(Version::v0_6);
-    hear(a, 1, watchdog_bit(Version::v0_6));
-    (void)enable(a);
-    ask(a);
-    hear(a, 8);
-    hear(a, 8);
+    bite(a);
+    arm(a);
     ASSERT_TRUE(a.ready());
     hear(a, 1, bitten ? watchdog_bit(Version::v0_6) : 0);
     EXPECT_FALSE(a.ready());
     for (std::uint32_t n = 0; n < 4 * retry && !a.ready() && !a.tx_suspended(); ++n) {
-      hear(a, a.closed_loop() ? 8 : 1);
-      for (const CanFrame& f : enable(a)) {
-        if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
-      }
+      obey(a, a.closed_loop() ? 8 : 1);
     }
     EXPECT_EQ(a.tx_suspended(), !bitten);
     EXPECT_EQ(a.ready(), bitten);
@@ -345,11 +333,7 @@ TEST(OdriveAxis, AnotherErrorIsNoProofOfAWatchdog) {
   (void)enable(a);
   EXPECT_FALSE(a.tx_suspended());
   for (int n = 0; n < 400 && !a.tx_suspended(); ++n) {
-    a.begin_tick();
-    hear(a, a.closed_loop() ? 8 : 1);
-    for (const CanFrame& f : enable(a)) {
-      if ((f.id & 0x1FU) == cmd_axis_state) hear(a, 8);
-    }
+    obey(a, a.closed_loop() ? 8 : 1);
   }
   EXPECT_TRUE(a.tx_suspended()) << "the watchdog is tested again";
   EXPECT_FALSE(a.ready());
@@ -361,9 +345,7 @@ TEST(OdriveAxis, LeavingClosedLoopEndsTheStarving) {
   hear(a, 1);
   EXPECT_TRUE(enable(a).empty());
   EXPECT_FALSE(a.tx_suspended());
-  ask(a);
-  hear(a, 8);
-  hear(a, 8);
+  arm(a);
   EXPECT_TRUE(a.tx_suspended()) << "the watchdog is tested again";
 }
 
@@ -390,9 +372,7 @@ TEST(OdriveAxis, EveryStarvingHasAllItsTicks) {
     EXPECT_FALSE(a.config_mismatch()) << round;
     hear(a, 1, 0x40);
     (void)enable(a);
-    ask(a);
-    hear(a, 8);
-    hear(a, 8);
+    arm(a);
   }
 }
 

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "tests/support/odrive_bench.hpp"
-#include "tests/support/torque_frame.hpp"
 
 namespace esmc::test {
 namespace {

@@ -11,30 +11,24 @@
 #include <limits>
 #include <vector>
 
-#include "firmware/drive/odrive_axis.hpp"
-#include "tests/support/odrive_bytes.hpp"
+#include "tests/support/odrive_bench.hpp"
 
+namespace esmc::test {
 namespace {
 
-using esmc::drive::OdriveAxis;
-using esmc::drive::OdriveReadBack;
-using esmc::drive::OdriveTable;
-using esmc::drive::Received;
-using esmc::drive::odrive::ValueType;
-using esmc::drive::odrive::Version;
-using esmc::hal::CanFrame;
-namespace test = esmc::test;
+using drive::OdriveReadBack;
+using drive::OdriveTable;
+using drive::odrive::ValueType;
 
-constexpr std::uint8_t node = 3;
 constexpr unsigned version = 0x00, read = 0x04, value = 0x05;
 
 /// u8 0 (read), u16 endpoint, u8 0, value.
 CanFrame answer(std::uint16_t endpoint, std::uint32_t raw, std::uint8_t size = 8) {
-  return test::message(node, value, endpoint * 0x100U, raw, size);
+  return message(node, value, endpoint * 0x100U, raw, size);
 }
 CanFrame answer(std::uint16_t endpoint, float v) { return answer(endpoint, std::bit_cast<std::uint32_t>(v)); }
 CanFrame firmware(std::uint8_t major, std::uint8_t minor, std::uint8_t revision) {
-  return test::message(node, version, 2, major + 0x100U * minor + 0x10000U * revision);
+  return message(node, version, 2, major + 0x100U * minor + 0x10000U * revision);
 }
 
 OdriveTable table() {
@@ -48,19 +42,13 @@ OdriveTable table() {
   return t;
 }
 
-/// A bus that takes all of it, or nothing.
-struct Sink {
+std::vector<CanFrame> ask(OdriveReadBack& r, bool taken = true) {
   std::vector<CanFrame> sent;
-  bool taken = true;
-  bool operator()(const CanFrame& f) {
+  r.ask(node, [&](const CanFrame& f) {
     sent.push_back(f);
     return taken;
-  }
-};
-std::vector<CanFrame> ask(OdriveReadBack& r, bool taken = true) {
-  Sink sink{.sent = {}, .taken = taken};
-  r.ask(node, sink);
-  return sink.sent;
+  });
+  return sent;
 }
 
 TEST(OdriveReadBack, AsksForTheVersionAndThenForOneEndpointAfterTheOther) {
@@ -74,11 +62,11 @@ TEST(OdriveReadBack, AsksForTheVersionAndThenForOneEndpointAfterTheOther) {
   EXPECT_EQ(r.take_version(firmware(0, 6, 10)), Received::accepted);
   sent = ask(r);
   ASSERT_EQ(sent.size(), 1U);
-  EXPECT_EQ(sent[0], test::message(node, read, 0x123400, 0));
+  EXPECT_EQ(sent[0], message(node, read, 0x123400, 0));
   EXPECT_EQ(r.take_value(answer(0x1234, 1U, 5)), Received::accepted);
-  EXPECT_EQ(ask(r)[0], test::message(node, read, 77 * 256, 0));
+  EXPECT_EQ(ask(r)[0], message(node, read, 77 * 256, 0));
   EXPECT_EQ(r.take_value(answer(77, 1.5F)), Received::accepted);
-  EXPECT_EQ(ask(r)[0], test::message(node, read, 78 * 256, 0));
+  EXPECT_EQ(ask(r)[0], message(node, read, 78 * 256, 0));
   EXPECT_FALSE(r.done());
   EXPECT_EQ(r.take_value(answer(78, 1000U)), Received::accepted);
   EXPECT_TRUE(r.done());
@@ -94,7 +82,7 @@ TEST(OdriveReadBack, NothingToAskIsDone) {
   OdriveTable t = table();
   t.check_version = false;
   OdriveReadBack without(t);
-  EXPECT_EQ(ask(without)[0], test::message(node, read, 0x123400, 0));
+  EXPECT_EQ(ask(without)[0], message(node, read, 0x123400, 0));
 }
 
 /// The whole table is asked, up to its end and in its order.
@@ -239,18 +227,9 @@ TEST(OdriveReadBack, AnswersOfAWrongLengthOrFormatAreMalformed) {
 
 // ---- in the axis
 
-std::vector<CanFrame> enable(OdriveAxis& a) {
-  Sink sink;
-  a.enable(sink);
-  return sink.sent;
-}
-void hear(OdriveAxis& a, std::uint8_t state = 1, std::uint32_t error = 0) {
-  a.begin_tick();
-  ASSERT_EQ(a.receive(test::heartbeat(node, state, error)), Received::accepted);
-}
 std::vector<unsigned> commands(const std::vector<CanFrame>& sent) {
   std::vector<unsigned> out;
-  for (const CanFrame& f : sent) out.push_back(test::command_of(f));
+  for (const CanFrame& f : sent) out.push_back(command_of(f));
   return out;
 }
 using Commands = std::vector<unsigned>;
@@ -265,14 +244,14 @@ OdriveTable one_check() {
 TEST(OdriveReadBack, ClosedLoopIsAskedForWhenAllOfItWasAnswered) {
   OdriveAxis a({.node = node}, Version::v0_6, 150, one_check());
   hear(a);
-  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
+  EXPECT_EQ(commands(enable(a)), Commands{cmd_mode});
   for (int i = 0; i < 5; ++i) {
     hear(a);
     EXPECT_EQ(commands(enable(a)), i == 0 ? Commands{read} : Commands{});
   }
   hear(a);
   EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
-  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+  EXPECT_EQ(commands(enable(a)), Commands{cmd_axis_state});
 }
 
 TEST(OdriveReadBack, TheVersionReachesTheTable) {
@@ -286,7 +265,7 @@ TEST(OdriveReadBack, TheVersionReachesTheTable) {
   EXPECT_EQ(commands(enable(a)), Commands{version});
   EXPECT_EQ(a.receive(firmware(0, 6, 10)), Received::accepted);
   hear(a);
-  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+  EXPECT_EQ(commands(enable(a)), Commands{cmd_axis_state});
 }
 
 TEST(OdriveReadBack, AnAxisIsSetUpUntilItHasAnswered) {
@@ -319,7 +298,7 @@ TEST(OdriveReadBack, AContradictedAxisIsNotArmedAndForgetsItWhenItIsDisabled) {
   EXPECT_FALSE(a.config_mismatch());
   hear(a);
   EXPECT_TRUE(a.idle());
-  EXPECT_EQ(commands(enable(a)), Commands{test::cmd_mode});
+  EXPECT_EQ(commands(enable(a)), Commands{cmd_mode});
 }
 
 /// A drive that may have restarted has what it had stored, whatever it answered before: it was silent, or
@@ -328,13 +307,13 @@ TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
   for (const int silent : {-1, 0, 4, 40}) {  // -1: fell idle before the second heartbeat
     OdriveAxis a({.node = node}, Version::v0_6, 20, one_check());
     a.restarts_within(3);
-    for (const Commands& next : {Commands{test::cmd_mode}, Commands{read}}) {
+    for (const Commands& next : {Commands{cmd_mode}, Commands{read}}) {
       hear(a);
       EXPECT_EQ(commands(enable(a)), next);
     }
     EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
     hear(a);
-    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    EXPECT_EQ(commands(enable(a)), Commands{cmd_axis_state});
     hear(a, 8);
     if (silent >= 0) hear(a, 8);
     for (int i = 0; i < silent; ++i) {
@@ -346,7 +325,7 @@ TEST(OdriveReadBack, AnAxisThatMayHaveRestartedIsAskedAgain) {
     for (int i = 0; i < 60; ++i) {
       hear(a);
       for (const unsigned c : commands(enable(a))) {
-        EXPECT_NE(c, test::cmd_axis_state) << "not before it has answered";
+        EXPECT_NE(c, cmd_axis_state) << "not before it has answered";
         asked += c == read ? 1 : 0;
       }
       EXPECT_FALSE(a.ready());
@@ -370,7 +349,7 @@ TEST(OdriveReadBack, AnAxisThatFellIdleWhileItWasStarvedIsAskedAgain) {
     (void)enable(a);
     EXPECT_EQ(a.receive(answer(77, 1.0F)), Received::accepted);
     hear(a);
-    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    EXPECT_EQ(commands(enable(a)), Commands{cmd_axis_state});
     hear(a, 8);
     hear(a, 8);
     ASSERT_TRUE(a.tx_suspended());
@@ -393,7 +372,7 @@ TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
     hear(a);
     (void)enable(a);
     hear(a);
-    EXPECT_EQ(commands(enable(a)), Commands{test::cmd_axis_state});
+    EXPECT_EQ(commands(enable(a)), Commands{cmd_axis_state});
     hear(a, 8);
     hear(a, 8);
     for (std::uint32_t i = 0; i < std::min(told, 20U); ++i) a.begin_tick();
@@ -405,16 +384,16 @@ TEST(OdriveReadBack, AHeartbeatThatIsMissingIsNoRestart) {
 
 /// The default is the retry time, also of one tick, and of an unconfigured axis.
 TEST(OdriveReadBack, NotReadyAfterRetryTimeWithoutHeartbeat) {
-  for (const int retry : {1, 7, 150}) {
-    OdriveAxis a = retry == 150 ? OdriveAxis()
-                                : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(retry));
+  for (const int ticks : {1, 7, 150}) {
+    OdriveAxis a = ticks == 150 ? OdriveAxis()
+                                : OdriveAxis({.node = 0}, Version::v0_6, static_cast<std::uint32_t>(ticks));
     for (const int state : {1, 1, 8, 8}) {
       a.begin_tick();
-      ASSERT_EQ(a.receive(test::heartbeat(0, static_cast<std::uint8_t>(state), 0)), Received::accepted);
+      ASSERT_EQ(a.receive(heartbeat(0, static_cast<std::uint8_t>(state), 0)), Received::accepted);
       (void)enable(a);
     }
-    for (int i = 0; i < retry; ++i) {
-      EXPECT_TRUE(a.ready()) << retry << ' ' << i;
+    for (int i = 0; i < ticks; ++i) {
+      EXPECT_TRUE(a.ready()) << ticks << ' ' << i;
       a.begin_tick();
     }
     EXPECT_TRUE(a.ready());
@@ -425,10 +404,10 @@ TEST(OdriveReadBack, NotReadyAfterRetryTimeWithoutHeartbeat) {
 
 TEST(OdriveReadBack, AConfigurationWriteIsAForeignCommand) {
   OdriveAxis a({.node = node}, Version::v0_6, 150), old({.node = node}, Version::v0_5_6, 150, one_check());
-  CanFrame write = test::message(node, read, 77 * 256 + 1, 0);
+  CanFrame write = message(node, read, 77 * 256 + 1, 0);
   EXPECT_EQ(a.receive(write), Received::foreign_command);
   EXPECT_EQ(old.receive(write), Received::not_mine) << "0.5.6 sends encoder errors with this number";
-  EXPECT_EQ(a.receive(test::message(node, read, 77 * 256, 0)), Received::not_mine) << "another node reads";
+  EXPECT_EQ(a.receive(message(node, read, 77 * 256, 0)), Received::not_mine) << "another node reads";
   write.size = 1;
   EXPECT_EQ(a.receive(write), Received::foreign_command) << "however short";
   write.size = 0;
@@ -440,7 +419,8 @@ TEST(OdriveReadBack, AConfigurationWriteIsAForeignCommand) {
   hear(old);
   (void)enable(old);
   hear(old);
-  EXPECT_EQ(commands(enable(old)), Commands{test::cmd_axis_state}) << "0.5.6 cannot be asked";
+  EXPECT_EQ(commands(enable(old)), Commands{cmd_axis_state}) << "0.5.6 cannot be asked";
 }
 
 }  // namespace
+}  // namespace esmc::test
