@@ -37,7 +37,7 @@ FOLDERS = {
     "firmware/safety": ("safety", "supervisor", "supervisor_edges"),
     "firmware/drive": ("drive_numbers", "cia402_table", "drive_corners", "odrive_codec", "odrive_axis", "odrive_faults", "odrive_frames", "odrive_read_back",
                        "canopen_codec", "cia402_axis", "cia402_corners", "cia402_counts", "cia402_frames", "cia402_halves", "cia402_setup", "mit_codec", "mit_axis",
-                       "moteus_codec", "moteus_axis", "id_filters", "drive_edges", "moteus_edges", "odrive_edges", "mit_edges"),
+                       "moteus_codec", "moteus_axis", "id_filters", "drive_edges", "moteus_edges", "odrive_edges"),
     "firmware/link": ("link_codec", "link", "link_motion", "link_capture", "link_told", "link_store", "parameter_slots", "link_edges", "link_home", "slot_edges"),
     "firmware/cycle": ("cycle", "cycle_corners", "cycle_fault", "cycle_frames", "cycle_torque", "cycle_hostile", "cycle_io", "cia402_cycle", "cycle_link",
                        "part_corners", "plausibility", "setpoint_generator", "path_rate", "fusion", "cycle_edges", "homing", "homing_alone",

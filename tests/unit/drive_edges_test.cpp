@@ -92,22 +92,6 @@ TEST(Cia402Edges, ASecondAttemptWithoutProgressIsNoSetUp) {
 
 // ---- MIT mode
 
-TEST(MitEdges, ACommandOfV3IsReadBitByBit) {
-  using namespace drive::mit;
-  for (unsigned bit = 0; bit < 64; ++bit) {
-    const std::uint64_t number = std::uint64_t{1} << bit;
-    hal::CanFrame f = hal::data_frame(0x803, 8);
-    for (std::size_t i = 0; i < 8; ++i) f.data[i] = static_cast<std::uint8_t>(number >> (8 * (7 - i)));
-    const Command c = decode_command(f, Dialect::cubemars_v3);
-    // kp 12, kd 12, position 16, velocity 12, torque 12
-    EXPECT_EQ(c.kp, number >> 52) << bit;
-    EXPECT_EQ(c.kd, number >> 40 & 0xFFF) << bit;
-    EXPECT_EQ(c.position, number >> 24 & 0xFFFF) << bit;
-    EXPECT_EQ(c.velocity, number >> 12 & 0xFFF) << bit;
-    EXPECT_EQ(c.torque, number & 0xFFF) << bit;
-  }
-}
-
 TEST(MitEdges, CommandsOfV3EndWithTheLastPacket) {
   drive::MitAxis::Settings s;
   EXPECT_EQ(s.velocity_unit, 0.0F) << "unknown";

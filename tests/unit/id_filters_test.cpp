@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <set>
 
 #include "firmware/drive/cia402_axis.hpp"
@@ -66,7 +67,7 @@ TEST(IdFilters, MitHearsCommandsAndReplies) {
 }
 
 TEST(IdFilters, MoteusHearsEverySourceAndItsReplies) {
-  for (const std::uint8_t node : {std::uint8_t{4}, std::uint8_t{9}}) {
+  for (const std::uint8_t node : std::array<std::uint8_t, 6>{1, 4, 6, 7, 8, 9}) {
     Identifiers standard, extended;
     for (std::uint32_t source = 0; source < 8; ++source) standard.insert(source << 8U | node);
     if (node < 8) standard.insert(node * 0x100U);

@@ -207,20 +207,6 @@ TEST(MoteusEdges, AReplyMayHaveItsRegistersInAnyOrder) {
   }
 }
 
-TEST(MoteusEdges, RepliesOfSevenNodesHaveElevenBits) {
-  for (const std::uint8_t n :
-       {std::uint8_t{1}, std::uint8_t{6}, std::uint8_t{7}, std::uint8_t{8}, std::uint8_t{9}}) {
-    hal::IdFilters filters;
-    const MoteusAxis axis({.node = n}, {});
-    axis.add_filters(filters);
-    for (std::uint32_t id = 0; id < 0x800; ++id) {
-      bool heard = false;
-      for (const hal::IdFilter& f : filters.list()) heard = heard || f.matches({.id = id});
-      EXPECT_EQ(heard, id % 256 == n || (n < 8 && id == n * 256U)) << int{n} << ' ' << id;
-    }
-  }
-}
-
 TEST(MoteusEdges, DefaultLimitsAreSmall) {
   const MoteusAxis::Settings s;
   EXPECT_EQ(s.torque_max, 1.0F);
