@@ -27,6 +27,15 @@ inline LinkConfig link_config() {
   return c;
 }
 
+/// With a console that may be silent for so many ticks.
+inline LinkConfig with_silence(float ticks) {
+  LinkConfig c = link_config();
+  auto values = c.parameters.values();
+  values[static_cast<unsigned>(Index::silence)] = ticks;
+  c.parameters = Parameters(values, c.parameters.bounds());
+  return c;
+}
+
 /// Link, supervisor and desk; the drives obey at once.
 struct LinkBench {
   explicit LinkBench(const LinkConfig& c = link_config()) : link(c) { desk.session = c.session; }

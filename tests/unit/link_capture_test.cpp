@@ -9,12 +9,8 @@
 
 #include "tests/support/link_bench.hpp"
 
+namespace esmc::test {
 namespace {
-
-using namespace esmc;
-using namespace esmc::link;
-using test::Desk;
-using test::LinkBench;
 
 /// Of the 24 bytes of a record, by the table of docs/command-interface.md.
 struct Row {
@@ -31,7 +27,7 @@ struct Row {
 
 /// A bench whose link keeps this many ticks.
 struct Kept : LinkBench {
-  explicit Kept(std::size_t n, const LinkConfig& c = test::link_config()) : LinkBench(c), memory(n) {
+  explicit Kept(std::size_t n, const LinkConfig& c = link_config()) : LinkBench(c), memory(n) {
     link.capture_into(memory);
     report.joints = 2;
   }
@@ -215,10 +211,7 @@ TEST(LinkUnattended, OnlyTheReferenceGoesOnWithoutASignOfLife) {
   constexpr int silence = 10;
   for (const bool unattended : {false, true}) {
     for (const unsigned source : {Desk::reference, Desk::stream, Desk::hold}) {
-      LinkConfig c = test::link_config();
-      auto values = c.parameters.values();
-      values[static_cast<unsigned>(Index::silence)] = silence;
-      c.parameters = Parameters(values, c.parameters.bounds());
+      LinkConfig c = with_silence(silence);
       c.unattended = unattended;
       LinkBench b(c);
       b.supervisor = Supervisor({.can_halt = true, .after_halt = AfterHalt::hold});
@@ -241,10 +234,7 @@ TEST(LinkUnattended, OnlyTheReferenceGoesOnWithoutASignOfLife) {
 
 /// Until it runs somebody has to be there.
 TEST(LinkUnattended, ArmingNeedsASignOfLife) {
-  LinkConfig c = test::link_config();
-  auto values = c.parameters.values();
-  values[static_cast<unsigned>(Index::silence)] = 10;
-  c.parameters = Parameters(values, c.parameters.bounds());
+  LinkConfig c = with_silence(10);
   c.unattended = true;
   LinkBench b(c);
   b.supervisor = Supervisor({.sign_test = true});
@@ -257,3 +247,4 @@ TEST(LinkUnattended, ArmingNeedsASignOfLife) {
 }
 
 }  // namespace
+}  // namespace esmc::test

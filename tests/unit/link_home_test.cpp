@@ -2,39 +2,27 @@
 
 #include <gtest/gtest.h>
 
+#include <optional>
+#include <vector>
+
 #include "tests/support/link_bench.hpp"
 
+namespace esmc::test {
 namespace {
 
-using namespace esmc;
-using namespace esmc::link;
-using test::Desk;
-using test::link_config;
-using test::LinkBench;
-
-/// The command that a frame leads to in a disabled controller, and what became of it.
-Command asked(LinkBench& b, const hal::CanFrame& f, Outcome& outcome) {
-  const Request r = b.tick({f});
-  outcome = b.outcomes.at(0);
-  return r.command;
-}
-
-TEST(LinkHome, IsObeyedWhereItIsOffered) {
-  for (const bool offered : {false, true}) {
+TEST(LinkHome, IsObeyedWhereItIsOfferedAndArmingNeedsNoOffer) {
+  for (const auto offered : {std::optional<bool>{}, std::optional{false}, std::optional{true}}) {
     LinkBench b;
-    b.link.offer_homing(offered);
+    if (offered) b.link.offer_homing(*offered);
     b.listen();
-    Outcome outcome{};
-    EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), offered ? Command::home : Command::none);
-    EXPECT_EQ(outcome, offered ? Outcome::obeyed : Outcome::refused);
-    EXPECT_EQ(b.link.counters().refused, offered ? 0 : 1);
+    const bool obeyed = offered.value_or(false);
+    EXPECT_EQ(b.tick({b.desk.order(Desk::home)}).command, obeyed ? Command::home : Command::none);
+    EXPECT_EQ(b.outcomes.at(0), obeyed ? Outcome::obeyed : Outcome::refused);
+    EXPECT_EQ(b.link.counters().refused, obeyed ? 0 : 1);
+    if (obeyed) continue;
+    EXPECT_EQ(b.tick({b.desk.order(Desk::arm)}).command, Command::enable);
+    EXPECT_EQ(b.outcomes.at(0), Outcome::obeyed);
   }
-}
-
-TEST(LinkHome, WithoutAWordItIsNotOffered) {
-  LinkBench b;
-  b.listen();
-  EXPECT_EQ(b.one(b.desk.order(Desk::home)), Outcome::refused);
 }
 
 /// A counter of 0 is one that was heard: what jumps from it is refused, as from any other.
@@ -47,30 +35,20 @@ TEST(LinkHome, ACounterOfZeroHasBeenHeard) {
   EXPECT_EQ(b.one(b.desk.order(Desk::none)), Outcome::bad_counter);
 }
 
-TEST(LinkHome, ArmingNeedsNoOffer) {
-  for (const bool offered : {false, true}) {
-    LinkBench b;
-    b.link.offer_homing(offered);
-    b.listen();
-    Outcome outcome{};
-    EXPECT_EQ(asked(b, b.desk.order(Desk::arm), outcome), Command::enable);
-    EXPECT_EQ(outcome, Outcome::obeyed);
-  }
-}
-
 TEST(LinkHome, OnlyWhileDisabledAndForWhoKnowsTheTable) {
   LinkBench b;
   b.link.offer_homing(true);
   b.listen();
   const auto crc = b.desk.crc32;
   b.desk.crc32 ^= 1U;
-  Outcome outcome{};
-  EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), Command::none);
-  EXPECT_EQ(outcome, Outcome::refused);
+  const auto refused = [&] {
+    EXPECT_EQ(b.tick({b.desk.order(Desk::home)}).command, Command::none);
+    EXPECT_EQ(b.outcomes.at(0), Outcome::refused);
+  };
+  refused();
   b.desk.crc32 = crc;
   b.run();
-  EXPECT_EQ(asked(b, b.desk.order(Desk::home), outcome), Command::none);
-  EXPECT_EQ(outcome, Outcome::refused);
+  refused();
 }
 
 TEST(LinkHome, StatusTellsAnUnknownZero) {
@@ -134,3 +112,4 @@ TEST(LinkHome, TheWholeBudgetMayBeSpent) {
 }
 
 }  // namespace
+}  // namespace esmc::test

@@ -4,9 +4,7 @@
 
 #include <vector>
 
-#include "firmware/link/parameter_slots.hpp"
-#include "tests/support/link_bench.hpp"
-#include "tests/support/slot_memory.hpp"
+#include "tests/support/slot_store.hpp"
 
 namespace esmc::test {
 namespace {
@@ -86,10 +84,7 @@ TEST(LinkStore, WithoutAStoreTheOrdersAreRefused) {
   EXPECT_EQ(Desk::word(b.desk.last(Desk::slots), 0, 4), 0U);
   // A link that is off has no store either.
   Memory memory;
-  memory.put(0, [] {
-    const auto w = SlotRecord{1, 0x89ABCDEFU, {50, 40, 150, 300}}.encode();
-    return std::vector<std::uint32_t>(w.begin(), w.end());
-  }());
+  memory.put(0, record(1, {50, 40, 150, 300}));
   LinkConfig off = link_config();
   off.base_id = 0;
   Stored none(memory, off);

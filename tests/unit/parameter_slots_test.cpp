@@ -6,23 +6,15 @@
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <vector>
 
-#include "firmware/link/parameter_slots.hpp"
-#include "tests/support/link_bench.hpp"
-#include "tests/support/slot_memory.hpp"
+#include "tests/support/slot_store.hpp"
 
 namespace esmc::test {
 namespace {
 
-constexpr std::uint32_t scene = 0x89ABCDEFU;
 const Gains older{50, 41, 100, 300}, newer{60, 42, 120, 300}, wanted{70, 43, 90, 300};
 
-std::vector<std::uint32_t> record(std::uint32_t sequence, const Gains& g, std::uint32_t of = scene) {
-  const auto w = SlotRecord{sequence, of, g}.encode();
-  return {w.begin(), w.end()};
-}
 /// With the checksum right whatever else is not.
 std::vector<std::uint32_t> sealed(std::vector<std::uint32_t> w) {
   std::vector<std::uint8_t> bytes;
@@ -32,24 +24,6 @@ std::vector<std::uint32_t> sealed(std::vector<std::uint32_t> w) {
   w.back() = crc32(bytes);
   return w;
 }
-
-template <class Memory>
-struct Store {
-  explicit Store(Memory& m, std::uint32_t of = scene) : slots(m, link_config().parameters, of, 50) {
-    taken = slots.load();
-  }
-  /// How many polls it took.
-  int finish() {
-    int n = 0;
-    for (; slots.busy() && n < 10'000; ++n) slots.poll();
-    return n;
-  }
-  [[nodiscard]] std::vector<SlotContent> contents() const {
-    return {slots.status().slots[0], slots.status().slots[1]};
-  }
-  ParameterSlots<Memory> slots;
-  std::optional<Gains> taken;
-};
 
 template <class M>
 struct Slots : testing::Test {
@@ -71,8 +45,7 @@ TYPED_TEST(Slots, ARecordWordByWord) {
   EXPECT_EQ(s.taken, (Gains{55.5F, 40, 150, 300}));
   EXPECT_EQ(s.slots.status().used, 2);
   EXPECT_EQ(s.slots.status().sequence, 7U);
-  s.slots.store({20, 30, 100, 300});
-  s.finish();
+  s.store({20, 30, 100, 300});
   const std::vector<std::uint32_t> eight{0x45534D01, 8,          0x89ABCDEF, 0x41A00000,
                                          0x41F00000, 0x42C80000, 0x43960000, 0xA897C34C};
   EXPECT_EQ(std::vector<std::uint32_t>(this->nvm.slots[0].begin(), this->nvm.slots[0].begin() + 8), eight);
@@ -109,8 +82,7 @@ TYPED_TEST(Slots, TheNewestCountsAlsoWhereNumbersGoRound) {
       EXPECT_EQ(s.taken, newer) << n;
       EXPECT_EQ(s.slots.status().used, in + 1);
       EXPECT_EQ(s.slots.status().sequence, n + 1);
-      s.slots.store(wanted);
-      s.finish();
+      s.store(wanted);
       Store after(memory);
       EXPECT_EQ(after.taken, wanted) << n;
       EXPECT_EQ(after.slots.status().sequence, n + 2);
@@ -158,7 +130,7 @@ TYPED_TEST(Slots, WhatIsWrongIsIgnoredAsAWhole) {
       {"format 0", sealed(changed(0, 0x45534D00)), SlotContent::other_format},
       {"sum", changed(7, 0), SlotContent::damaged},
       {"sequence without sum", changed(1, 10), SlotContent::damaged},
-      {"scene", record(9, newer, scene + 1), SlotContent::other_scene},
+      {"scene", record(9, newer, own_scene + 1), SlotContent::other_scene},
       {"scene 0", record(9, newer, 0), SlotContent::other_scene},
       {"below", gain(0, std::nextafter(10.0F, 0.0F)), SlotContent::out_of_bounds},
       {"above", gain(1, std::nextafter(80.0F, 100.0F)), SlotContent::out_of_bounds},
@@ -215,28 +187,26 @@ TYPED_TEST(Slots, EveryFlippedBitIsFoundAndEveryUnreadableWord) {
 }
 
 TYPED_TEST(Slots, BothBadLeavesTheBakedOnesAndCanBeMended) {
-  this->nvm.put(0, record(9, newer, scene + 1));
+  this->nvm.put(0, record(9, newer, own_scene + 1));
   this->nvm.put(1, std::vector<std::uint32_t>(8, 0x1234'5678U));
   Store s(this->nvm);
   EXPECT_FALSE(s.taken);
   EXPECT_EQ(s.contents(), (Contents{SlotContent::other_scene, SlotContent::damaged}));
   EXPECT_EQ(s.slots.status().sequence, 0U);
-  s.slots.store(wanted);
-  s.finish();
+  s.store(wanted);
   EXPECT_EQ(s.slots.status().sequence, 10U) << "newer than that of the other scene";
   EXPECT_EQ(s.contents(), (Contents{SlotContent::other_scene, SlotContent::valid}));
-  EXPECT_EQ(Store(this->nvm, scene + 1).taken, newer) << "whose image finds its own";
+  EXPECT_EQ(Store(this->nvm, own_scene + 1).taken, newer) << "whose image finds its own";
 }
 
 TYPED_TEST(Slots, TheRecordThatCountsIsSparedWhateverItsNumber) {
   for (unsigned in = 0; in < 2; ++in) {
     TypeParam memory;
     memory.put(in, record(4, newer));
-    memory.put(1 - in, record(9, older, scene + 1));
+    memory.put(1 - in, record(9, older, own_scene + 1));
     Store s(memory);
     EXPECT_EQ(s.taken, newer);
-    s.slots.store(wanted);
-    s.finish();
+    s.store(wanted);
     EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::valid}));
     EXPECT_EQ(s.slots.status().sequence, 10U);
     EXPECT_EQ(memory.slots[in][1], 4U);
@@ -246,8 +216,7 @@ TYPED_TEST(Slots, TheRecordThatCountsIsSparedWhateverItsNumber) {
   memory.put(0, record(0xFFFF'FFF0U, newer));
   memory.put(1, std::vector<std::uint32_t>(8, 0));
   Store s(memory);
-  s.slots.store(wanted);
-  s.finish();
+  s.store(wanted);
   EXPECT_EQ(s.slots.status().sequence, 0xFFFF'FFF1U);
 }
 
@@ -257,8 +226,7 @@ TYPED_TEST(Slots, OfTwoOtherScenesTheOlderOneIsGivenUp) {
     memory.put(in, record(4, newer, 1));
     memory.put(1 - in, record(3, older, 2));
     Store s(memory);
-    s.slots.store(wanted);
-    s.finish();
+    s.store(wanted);
     EXPECT_EQ(s.contents()[in], SlotContent::other_scene);
     EXPECT_EQ(s.contents()[1 - in], SlotContent::valid);
     EXPECT_EQ(s.slots.status().sequence, 5U);
@@ -299,9 +267,7 @@ TYPED_TEST(Slots, PowerLostAtAnyStepOfStoringLeavesTheOldRecordOrTheNewOne) {
             EXPECT_EQ(after.taken, wanted);
           }
           // And whatever lies there is no obstacle.
-          after.slots.store(older);
-          after.finish();
-          EXPECT_EQ(after.slots.status().state, StoreState::stored);
+          EXPECT_EQ(after.store(older), StoreState::stored);
           EXPECT_EQ(Store(memory).taken, older);
           ASSERT_EQ(memory.wrong.size(), 0U) << memory.wrong[0];
         }
@@ -338,15 +304,14 @@ TYPED_TEST(Slots, PowerLostAtAnyStepOfForgettingDoesNotBringAnOlderOneBack) {
 
 TYPED_TEST(Slots, ForgettingLeavesBothEmpty) {
   this->nvm.put(0, record(6, newer));
-  this->nvm.put(1, record(5, older, scene + 1));
+  this->nvm.put(1, record(5, older, own_scene + 1));
   Store s(this->nvm);
   s.slots.forget();
   EXPECT_EQ(s.slots.status().state, StoreState::forgetting);
   s.finish();
   EXPECT_EQ(s.slots.status(), (StoreStatus{.state = StoreState::forgotten, .used = 1}));
   EXPECT_FALSE(Store(this->nvm).taken);
-  s.slots.store(wanted);
-  s.finish();
+  s.store(wanted);
   EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::empty}))
       << "none of them is to be spared any more";
   EXPECT_EQ(Store(this->nvm).taken, wanted);
@@ -382,16 +347,12 @@ TYPED_TEST(Slots, AMemoryThatFailsIsToldAndTheOldRecordStays) {
                               &TypeParam::flips_at, &TypeParam::rots_at};
       memory.*member.at(static_cast<unsigned>(kind)) = n;
       Store s(memory);
-      s.slots.store(wanted);
-      s.finish();
-      EXPECT_EQ(s.slots.status().state, StoreState::failed) << kind << ' ' << n;
+      EXPECT_EQ(s.store(wanted), StoreState::failed) << kind << ' ' << n;
       EXPECT_EQ(s.slots.status().sequence, 6U);
       EXPECT_EQ(s.contents()[0], SlotContent::valid);
       EXPECT_EQ(Store(memory).taken, newer);
       memory.fails_at = memory.refused_at = memory.flips_at = memory.rots_at = -1;
-      s.slots.store(wanted);
-      s.finish();
-      EXPECT_EQ(s.slots.status().state, StoreState::stored) << "another time";
+      EXPECT_EQ(s.store(wanted), StoreState::stored) << "another time";
       EXPECT_EQ(Store(memory).taken, wanted);
       EXPECT_TRUE(memory.wrong.empty()) << kind << ' ' << n << ' ' << memory.wrong[0];
     }
@@ -418,22 +379,16 @@ TYPED_TEST(Slots, AMemoryThatStaysBusyIsNotWaitedForForEver) {
   EXPECT_EQ(s.slots.status().state, StoreState::failed);
   EXPECT_EQ(s.contents(), (Contents{SlotContent::damaged, SlotContent::damaged})) << "it cannot be read";
   // And if it ends after all, there is another chance.
-  s.slots.store(wanted);
-  s.finish();
-  EXPECT_EQ(s.slots.status().state, StoreState::failed) << "not yet";
+  EXPECT_EQ(s.store(wanted), StoreState::failed) << "not yet";
   this->nvm.duration = 2;
   for (int i = 0; i < 1100; ++i) s.slots.poll();
-  s.slots.store(wanted);
-  s.finish();
-  EXPECT_EQ(s.slots.status().state, StoreState::stored);
+  EXPECT_EQ(s.store(wanted), StoreState::stored);
   EXPECT_EQ(Store(this->nvm).taken, wanted);
   // Each operation has its own time.
   TypeParam slow;
   slow.duration = 40;
   Store t(slow);
-  t.slots.store(wanted);
-  t.finish();
-  EXPECT_EQ(t.slots.status().state, StoreState::stored);
+  EXPECT_EQ(t.store(wanted), StoreState::stored);
 }
 
 TYPED_TEST(Slots, AfterWhatWasGivenUpTheRecordThatCountsIsStillSpared) {
@@ -444,8 +399,7 @@ TYPED_TEST(Slots, AfterWhatWasGivenUpTheRecordThatCountsIsStillSpared) {
       memory.put(1 - in, record(5, older));
       Store s(memory);
       memory.duration = 60;
-      s.slots.store(wanted);
-      s.finish();
+      s.store(wanted);
       ASSERT_EQ(s.slots.status().state, StoreState::failed);
       const int begun = memory.begun;
       s.slots.store(wanted);
@@ -471,12 +425,10 @@ TYPED_TEST(Slots, WhatIsStoredIsLaterThanTheRecordThatCountsWhateverAnotherScene
   for (unsigned in = 0; in < 2; ++in) {
     TypeParam memory;
     memory.put(in, record(5U + 0x8000'0001U, newer));
-    memory.put(1 - in, record(5, older, scene + 1));
+    memory.put(1 - in, record(5, older, own_scene + 1));
     Store s(memory);
     ASSERT_EQ(s.taken, newer);
-    s.slots.store(wanted);
-    s.finish();
-    EXPECT_EQ(s.slots.status().state, StoreState::stored);
+    EXPECT_EQ(s.store(wanted), StoreState::stored);
     EXPECT_EQ(Store(memory).taken, wanted) << in;
   }
 }
@@ -487,9 +439,7 @@ TYPED_TEST(Slots, ARecordThatFailedOnlyAtTheEndIsToldAsItIs) {
   this->nvm.put(1, record(7, wanted));
   Store s(this->nvm);
   this->nvm.fails_at = 0;
-  s.slots.store(older);
-  s.finish();
-  EXPECT_EQ(s.slots.status().state, StoreState::failed);
+  EXPECT_EQ(s.store(older), StoreState::failed);
   EXPECT_EQ(s.slots.status().sequence, 7U);
   EXPECT_EQ(s.contents(), (Contents{SlotContent::valid, SlotContent::valid}));
 }
