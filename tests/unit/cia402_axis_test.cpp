@@ -51,8 +51,11 @@ TEST(Cia402Axis, AnyStateOnTheWayIsAnsweredByWhatItNeeds) {
     b.slave.obeys = false;
     b.slave.status = c.status;
     ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
-    b.tick();
-    EXPECT_EQ(b.control(), c.control) << std::hex << c.status;
+    for (int i = 0; i < 5; ++i) {
+      b.tick();
+      EXPECT_EQ(b.control(), c.control) << std::hex << c.status;
+      EXPECT_FALSE(b.axis.ready()) << "not even where it is enabled: nobody has asked";
+    }
   }
 }
 

@@ -91,18 +91,6 @@ TEST(Cia402Corners, OnlyReportsAfterTheVoltageWasDisabledMakeItIdle) {
   EXPECT_TRUE(b.axis.idle());
 }
 
-TEST(Cia402Corners, AnUnrequestedEnabledDriveIsNotReady) {
-  Bench b;
-  b.slave.obeys = false;
-  b.slave.status = 0x0237;
-  ASSERT_TRUE(b.until([&] { return b.slave.state == 5; }));
-  for (int i = 0; i < 5; ++i) {
-    b.tick();
-    EXPECT_FALSE(b.axis.ready());
-    EXPECT_EQ(b.control(), 0x00U);
-  }
-}
-
 TEST(Cia402Corners, AfterAnInterruptionItTakesTwoReports) {
   Bench b;
   ASSERT_TRUE(b.make_ready());

@@ -236,13 +236,4 @@ TYPED_TEST(Guards, ALimitThatIsNoneLetsNoTorquePass) {
   }
 }
 
-TYPED_TEST(Guards, GuardsAreConstantExpressions) {
-  using S = TypeParam;
-  constexpr bool ok = [] {
-    S torque(3);
-    return limit_torque(torque, S(2)) == TorqueCheck::limited && torque == S(2) && esmc::finite(S(1));
-  }();
-  static_assert(ok);
-}
-
 }  // namespace
