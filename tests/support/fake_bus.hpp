@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <span>
 
@@ -64,5 +65,18 @@ class BasicFakeBus {
 
 using FakeBus = BasicFakeBus<1024>;
 static_assert(hal::CanBus<FakeBus>);
+
+/// Knows how long a frame has waited.
+struct TimedBus : FakeBus {
+  std::uint32_t age_us = 0;
+  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }
+};
+static_assert(hal::TimesFrames<TimedBus>);
+
+/// Counts what it has lost.
+struct LosingBus : FakeBus {
+  std::uint32_t lost = 0;
+  [[nodiscard]] std::uint32_t overruns() const { return lost; }
+};
 
 }  // namespace esmc::test

@@ -114,12 +114,6 @@ static_assert(drive::Drive<ToldDrive>);
 
 inline constexpr std::uint32_t silence_max = 20;  ///< ticks
 
-/// A bus that knows how long a frame has waited.
-struct TimedBus : FakeBus {
-  std::uint32_t age_us = 0;
-  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }
-};
-
 /// Two base motors; encoders there or on all joints. Axis 0 and, with four axes, 2 have the motors.
 struct ToldBench {
   using Five = FiveBar<double>;

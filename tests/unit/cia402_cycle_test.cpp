@@ -19,15 +19,9 @@ namespace {
 using Five = FiveBar<double>;
 using Node = Cia402Cycle<Five>;
 
-struct AgedBus : FakeBus {
-  std::uint32_t age_us = 0;
-  [[nodiscard]] std::uint32_t frame_age_us() const { return age_us; }
-};
-static_assert(hal::TimesFrames<AgedBus>);
-
 struct Clocked {
   std::array<Slave, 2> slaves{};
-  AgedBus bus;
+  TimedBus bus;
   Node cycle{config()};
   std::vector<CanFrame> late;
   bool cuts = false;  ///< the second frame of each drive comes after the tick, and waits for 0.55 ms until
@@ -124,6 +118,23 @@ TEST(Cia402Cycle, ADriveThatIsNotWhatWasConfiguredIsNotArmed) {
   c.slaves[1].objects[entry(0x6502, 0)] = 0;  // no cyclic synchronous torque
   EXPECT_FALSE(c.start());
   EXPECT_EQ(c.cycle.supervisor().fault(), Fault::drive_configuration);
+}
+
+/// What came before the drives were asked for the samples of this tick answers an earlier request: no set of
+/// this one.
+TEST(Cia402Cycle, ARequestMakesWhatCameBeforeItLate) {
+  Clocked c;
+  const auto hear = [&] {
+    for (unsigned i = 1; i <= 2; ++i) c.bus.push(heartbeat_of(i, 127));
+    c.cycle.receive(c.bus);
+  };
+  hear();
+  EXPECT_TRUE(c.cycle.complete())
+      << "of drives that are not operational a heartbeat is their word of the tick";
+  c.cycle.request(c.bus);
+  EXPECT_FALSE(c.cycle.complete());
+  hear();
+  EXPECT_TRUE(c.cycle.complete());
 }
 
 // Sampled at SYNC: a tick later it is a tick old, wherever in that tick the answer has come and however long

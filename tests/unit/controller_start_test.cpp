@@ -85,8 +85,10 @@ TYPED_TEST(ControllerStart, TheTorqueBeyondTheWeightGrowsInEqualSteps) {
     const Vec<double, TypeParam::joints> full = whole.start().torque.template cast<double>();
     auto a = constant<TypeParam>(3, 8, four);
     a.config.halt_ticks = 4;
+    a.config.observer = &Constant::observe<TypeParam>;
     for (int k = 0; k < 12; ++k) {
       const auto r = k == 0 ? a.start() : a.tick();
+      EXPECT_EQ(a.controller->memory().whole, k >= 8) << k;
       const double share = k < 8 ? (k + 1) / 8.0 : 1.0;
       const Vec<double, TypeParam::joints> expected = weight + (full - weight) * share;
       EXPECT_LT((r.torque.template cast<double>() - expected).norm(), 1e-4) << k;
@@ -169,6 +171,9 @@ TEST(ControllerJoining, SpeedAndAccelerationOfEachJointAreLookedAt) {
     Joining gentle(way);
     gentle.config.limits.join_acceleration = static_cast<float>(5.78 * 0.5 / (1.7 * 1.7));
     EXPECT_EQ(gentle.fault(), 0);
+    Joining none(way);
+    none.config.limits.join_acceleration = std::nanf("");
+    EXPECT_EQ(none.fault(), 1) << "NaN allows nothing";
   }
 }
 
@@ -492,37 +497,31 @@ TEST(ControllerTold, TheOddEncoderIsToldAsADriveMotorsFirst) {
   }
 }
 
-/// Gains of angles and of positions each go to their channels; a layer follows where there is a gain.
+/// Gains of angles and of positions each go to their channels; a layer follows where there is a gain and the
+/// law is the implicit one.
 TYPED_TEST(ControllerStart, GainsGoToTheChannelsOfTheirKind) {
   using S = typename TypeParam::Scalar;
   const std::array<link::Bounds, link::gain_count> free{{{0, 9}, {0, 9}, {0, 9}, {0, 9}}};
-  for (const bool with_gain : {true, false}) {
+  for (const auto& [with_gain, reaching] :
+       {std::pair{true, Reaching::implicit}, {false, Reaching::implicit}, {true, Reaching::saturation}}) {
     const float position = with_gain ? 0.5F : 0.0F, angle = with_gain ? 0.25F : 0.0F;
+    const bool derived = with_gain && reaching == Reaching::implicit;
     const link::Parameters p({2.0F, 3.0F, position, angle}, free);
     Gains<TypeParam> g;
     g.layer.setConstant(7);
     g.independent.layer = 7;
-    set_gains(g, p, Reaching::implicit, S(0.125), S(1));
+    set_gains(g, p, reaching, S(0.125), S(1));
     for (int i = 0; i < TypeParam::channels; ++i) {
       const bool turns = TypeParam::is_angle(i);
       EXPECT_EQ(g.lambda[i], turns ? S(3) : S(2)) << i;
       EXPECT_EQ(g.k[i], turns ? angle : position) << i;
-      EXPECT_EQ(g.layer[i], with_gain ? S(0.25) * g.k[i] : S(7)) << i;
+      EXPECT_EQ(g.layer[i], derived ? S(0.25) * g.k[i] : S(7)) << i;
     }
     const bool joints = TypeParam::joints == 2;  // the arm's coordinates are angles
     EXPECT_EQ(g.independent.lambda, joints ? S(3) : S(2));
     EXPECT_EQ(g.independent.k, joints ? angle : position);
-    EXPECT_EQ(g.independent.layer, with_gain ? S(0.25) * g.independent.k : S(7));
+    EXPECT_EQ(g.independent.layer, derived ? S(0.25) * g.independent.k : S(7));
   }
-}
-
-TYPED_TEST(ControllerStart, WhatIsNotConfiguredTakesItsUsualValue) {
-  const ControllerConfig<TypeParam> c;
-  EXPECT_EQ(c.law, LawKind::esmc);
-  EXPECT_EQ(c.join_ticks + c.ramp_ticks + c.halt_ticks + c.lower_ticks + c.setpoint_jerk_ticks, 0U);
-  EXPECT_EQ(c.after_halt, AfterHalt::release);
-  EXPECT_EQ(c.setpoint_speed, 1);
-  EXPECT_EQ(c.setpoint_acceleration, 1);
 }
 
 }  // namespace

@@ -101,8 +101,12 @@ TEST(TorqueFeedbackEdges, TheExpectedTorqueFollowsTheCommandByItsShareOfATick) {
   EXPECT_TRUE(echo.compares());
   EXPECT_FALSE(Echo{}.compares() || Echo(0, 3, 1).compares());
   echo.commanded({0, 0, 8, 0});
-  for (const auto& [reported, fits] :
-       {std::pair{2.0F, true}, {2.5F, true}, {1.5F, true}, {2.51F, false}, {1.49F, false}}) {
+  for (const auto& [reported, fits] : {std::pair{2.0F, true},
+                                       {2.5F, true},
+                                       {1.5F, true},
+                                       {2.51F, false},
+                                       {1.49F, false},
+                                       {std::nanf(""), false}}) {
     Echo e = echo;
     for (int n = 1; n <= 6; ++n) EXPECT_EQ(e.plausible(2, reported), fits || n < 5) << reported << ' ' << n;
   }

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "hal/io.hpp"
-#include "tests/support/canopen_bytes.hpp"
 #include "tests/support/cycle_rig.hpp"
 
 namespace {
@@ -33,13 +32,6 @@ TEST(Io, AnOpenEnableContactTakesTheTorqueInTheSameTickAndIsLatched) {
   for (int i = 0; i < 10; ++i) EXPECT_EQ(rig.tick().state, State::fault);
   rig.tick(Command::reset);
   EXPECT_TRUE(rig.start());
-}
-
-TEST(Io, WithTheContactOpenNothingArms) {
-  Rig rig;
-  rig.cycle.enable_input(false);
-  rig.tick(Command::enable);
-  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::enable_open);
 }
 
 TEST(Io, AnOpeningBetweenTwoTicksIsSeen) {
@@ -100,14 +92,9 @@ TEST(Io, TicksAreGoodInEveryStateAndNoneHasBeenBeforeTheFirst) {
   }
 }
 
-// A controller with a small FIFO: what it lost may have been an emergency stop.
-struct CountingBus : esmc::test::FakeBus {
-  std::uint32_t lost = 0;
-  [[nodiscard]] std::uint32_t overruns() const { return lost; }
-};
-
+/// A controller with a small FIFO: what it lost may have been an emergency stop.
 TEST(Io, FramesThatTheControllerLostAreAFault) {
-  esmc::test::Rig<Five, CountingBus> rig;
+  esmc::test::Rig<Five, esmc::test::LosingBus> rig;
   rig.bus.lost = 7;  // before the cycle listened
   rig.tick();
   rig.tick(Command::reset);
@@ -134,31 +121,6 @@ TEST(Io, TicksThatBeginLateAreAFaultOfTheirOwn) {
   EXPECT_EQ(reaction(Fault::tick_late), esmc::Reaction::halt);
   rig.tick(Command::reset);
   EXPECT_TRUE(rig.start()) << "counted once";
-}
-
-/// What came before the drives were asked for the samples of this tick answers an earlier request: no set of
-/// this one.
-TEST(Io, ARequestMakesWhatCameBeforeItLate) {
-  using Node = esmc::Cia402Cycle<Five>;
-  Node::Config c;
-  c.controller = esmc::test::setup<Five>().controller;
-  for (unsigned i = 0; i < 2; ++i) {
-    esmc::drive::AxisConfig mount;
-    mount.node = static_cast<std::uint8_t>(i + 1);
-    c.axes[i] = esmc::drive::Cia402Axis(mount, {});
-  }
-  Node cycle(c);
-  esmc::test::FakeBus bus;
-  const auto hear = [&] {
-    for (unsigned i = 1; i <= 2; ++i) bus.push(esmc::test::heartbeat_of(i, 127));
-    cycle.receive(bus);
-  };
-  hear();
-  EXPECT_TRUE(cycle.complete()) << "of drives that are not operational a heartbeat is their word of the tick";
-  cycle.request(bus);
-  EXPECT_FALSE(cycle.complete());
-  hear();
-  EXPECT_TRUE(cycle.complete());
 }
 
 TEST(Io, TorquesAreOfOneTickAndWhatArmsOrDisarmsIsNot) {
