@@ -3,17 +3,13 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "firmware/cycle/estimate.hpp"
-#include "firmware/cycle/link_gains.hpp"
 #include "firmware/cycle/linked.hpp"
 #include "firmware/cycle/part_elbow_rotors.hpp"
-#include "firmware/cycle/part_momentum_observer.hpp"
 #include "firmware/cycle/part_motor_map.hpp"
-#include "firmware/cycle/part_super_twisting.hpp"
 #include "tests/support/cycle_rig.hpp"
 
 namespace esmc::test {
@@ -22,11 +18,9 @@ namespace {
 using Five = FiveBar<double>;
 using Arm = Rr<double>;
 
-const RrParams<double> arm_params{{0.2, 0.15, 0.09, 0.07, 0.4, 0.3, 2e-3, 1e-3, 0.0, 0.0, 0.0, 0.0}, 9.8};
-
 ControllerConfig<Arm> arm_config() {
   ControllerConfig<Arm> c;
-  c.mechanism = Arm(arm_params);
+  c.mechanism = Arm({{0.2, 0.15, 0.09, 0.07, 0.4, 0.3, 2e-3, 1e-3, 0.0, 0.0, 0.0, 0.0}, 9.8});
   c.mode = {1};
   c.gains.lambda.setConstant(20.0);
   c.gains.k.setConstant(8.0);
@@ -35,98 +29,6 @@ ControllerConfig<Arm> arm_config() {
   c.torque_limit.setConstant(3.0);
   c.sample_time = 1e-3;
   return c;
-}
-Tracking<Arm> at_rest(const Arm& arm, const Vec2<double>& angle) {
-  Tracking<Arm> t{};
-  t.pose = t.desired_pose = arm.pose(angle);
-  t.rates = t.desired_rates = t.desired_acceleration = Vec2<double>::Zero();
-  return t;
-}
-
-/// An arm that stays at rest under any torque is held by somebody: the observer finds the difference between
-/// its weight and the torque sent, and no more than all motors together can give.
-TEST(PartCorners, TheObserverOfAnArmFindsWhatHoldsIt) {
-  const double a = 0.4, b = 0.9;
-  const Vec2<double> weight(9.8 * ((0.4 * 0.09 + 0.3 * 0.2) * std::cos(a) + 0.3 * 0.07 * std::cos(a + b)),
-                            9.8 * 0.3 * 0.07 * std::cos(a + b));
-  ControllerConfig<Arm> c = arm_config();
-  c.observer_bandwidth = 200.0;
-  const Tracking<Arm> t = at_rest(c.mechanism, {a, b});
-  for (const Vec2<double>& sent : {Vec2<double>(0.3, -0.2), Vec2<double>(500.0, -500.0)}) {
-    PartMemory<Arm> memory;
-    memory.reset();
-    for (int n = 0; n < 200; ++n) {
-      part::momentum_observer(c, t, memory);
-      memory.keep(sent, true);
-    }
-    for (int i = 0; i < 2; ++i)
-      EXPECT_NEAR(memory.disturbance[i], std::clamp(weight[i] - sent[i], -6.0, 6.0), 1e-9) << i;
-  }
-}
-
-/// With nothing lost of the last torque it is the same whether some motor was at its limit or not.
-TEST(PartCorners, SuperTwistingLosesNothingWhereNothingWasLost) {
-  for (const LawKind law : {LawKind::esmc, LawKind::esmc_projected}) {
-    ControllerConfig<Arm> c = arm_config();
-    c.law = law;
-    Tracking<Arm> t = at_rest(c.mechanism, {0.4, 0.9});
-    t.rates = {0.3, -0.1};
-    Arm::Channels acceleration[3], sliding;
-    for (const int kind : {0, 1, 2}) {
-      PartMemory<Arm> memory;
-      memory.reset();
-      memory.keep({0.5, 0.25}, kind == 0);
-      memory.asked = kind == 2 ? Vec2<double>(2.5, 0.25) : Vec2<double>(0.5, 0.25);
-      for (int n = 0; n < 3; ++n) part::super_twisting(c, t, memory, acceleration[kind], sliding);
-    }
-    EXPECT_TRUE(acceleration[0].isApprox(acceleration[1], 1e-14)) << static_cast<int>(law);
-    EXPECT_FALSE(acceleration[0].isApprox(acceleration[2], 1e-6)) << "2 N m were lost";
-  }
-}
-
-/// What a ramp or a limit takes from the torque is not the law's, and parts are told so.
-TEST(PartCorners, TorqueBelowItsRampIsNotTheLaws) {
-  ControllerConfig<Arm> c = arm_config();
-  c.limits = {.min_abs_sin_type1 = 0.02,
-              .joint_speed = 50.0,
-              .workspace_x = {-0.4, 0.4},
-              .workspace_y = {-0.4, 0.4},
-              .joint_angle = {{{-3.2, 3.2}, {-3.2, 3.2}}},
-              .max_age_ticks = 2};
-  c.reference = {.kind = ReferenceKind::hold_start, .space = ReferenceSpace::base_joints};
-  c.reach = &part::super_twisting<Arm>;
-  c.ramp_ticks = 5;
-  c.halt_ticks = 10;
-  c.after_halt = AfterHalt::hold;
-  Controller<Arm> controller(c);
-  Supervisor supervisor(controller.supervision());
-  Sample<Arm> sample;
-  sample.angle = {0.4, 0.9};
-  const auto tick = [&](Command command) {
-    supervisor.begin_tick(command, {true, false});
-    return controller.tick(sample, supervisor).state;
-  };
-  tick(Command::enable);
-  for (int n = 0; n < 8; ++n) {
-    ASSERT_EQ(tick(Command::none), State::running);
-    EXPECT_EQ(controller.memory().whole, n >= 5) << n;
-  }
-  EXPECT_EQ(tick(Command::halt), State::halting);
-  EXPECT_TRUE(controller.memory().whole);
-}
-
-/// From four motors without a preload, too, the torque rises in equal steps.
-TEST(PartCorners, FourMotorsRampInEqualSteps) {
-  auto s = setup<Five>();
-  s.controller.motors = Motors::all;
-  s.controller.sensors = Sensors::all;
-  s.controller.ramp_ticks = 10;
-  Rig<Five> rig(s);
-  ASSERT_TRUE(rig.start());
-  const Vec<double, 4> second = rig.tick().torque, third = rig.tick().torque, fourth = rig.tick().torque;
-  EXPECT_GT((third - second).norm(), 1e-3);
-  // The reference moves on by a thousandth of its radius in these ticks, and the rig stands still.
-  EXPECT_LT((fourth - 2.0 * third + second).norm(), 0.1 * (third - second).norm());
 }
 
 TEST(PartCorners, WithoutFusionNoEncoderIsBlamed) {
@@ -206,26 +108,6 @@ TEST(PartCorners, MotorMapAndBack) {
   EXPECT_FALSE(std::isfinite(torque[1]));
 }
 
-/// What was asked for is limited, and the memory of the parts is of what the motors then give.
-TEST(PartCorners, TheMemoryIsOfTorquesThatMotorsGive) {
-  ControllerConfig<Arm> c = arm_config();
-  c.correct = &part::motor_map<Arm>;
-  c.motor_map.factor = {0.5, 2.0};
-  c.observer = &part::momentum_observer<Arm>;
-  c.observer_bandwidth = 20.0;
-  c.torque_limit = {1e-3, 1e-3};
-  Controller<Arm> controller(c);
-  Supervisor supervisor(Supervisor::Config{});
-  Sample<Arm> measured;
-  measured.angle = {0.4, 1.1};
-  for (int n = 0; n < 2; ++n) supervisor.begin_tick(Command::enable, {true, false});
-  ASSERT_TRUE(supervisor.running());
-  const auto out = controller.tick(measured, supervisor);
-  EXPECT_TRUE(out.saturated);
-  EXPECT_LE(out.torque.cwiseAbs().maxCoeff(), 1e-3);
-  EXPECT_EQ(controller.memory().torque(0), out.torque.cwiseProduct(c.motor_map.factor));
-}
-
 TEST(PartCorners, EveryVectorThatALaterTickReadsIsShown) {
   ControllerConfig<Arm> c = arm_config();
   Controller<Arm> controller(c);
@@ -258,23 +140,6 @@ TEST(PartCorners, ByValueOrByReferenceItIsTheSameState) {
   const Vec2<double> apart(0.0, 0.0);  // both first bars outwards along the base line
   EXPECT_FALSE(estimate_from_base(c.mechanism, c.mode, apart, qd).has_value());
   EXPECT_FALSE(desired_at_base(c.mechanism, c.mode, apart, qd, qd).has_value());
-}
-
-TEST(PartCorners, OnlyTheImplicitLawDerivesItsLayer) {
-  link::Parameters p({30, 31, 8, 9, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
-                     {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{0, 20}, link::Bounds{0, 20}});
-  for (const Reaching r : {Reaching::saturation, Reaching::implicit}) {
-    Gains<Arm> g = arm_config().gains;
-    set_gains(g, p, r, 1e-3, 0.0);
-    EXPECT_EQ(g.layer[0] == 0.7, r == Reaching::saturation);
-  }
-  link::Parameters none(
-      {30, 31, 0, 0, 1e-3F, 2, 2, 50, 2.0F, 40.0F, 5, 0},
-      {link::Bounds{10, 60}, link::Bounds{10, 60}, link::Bounds{0, 20}, link::Bounds{0, 20}});
-  Gains<Arm> g = arm_config().gains;
-  set_gains(g, none, Reaching::implicit, 1e-3, 0.0);
-  EXPECT_EQ(g.layer[0], 0.7);
-  EXPECT_EQ(g.k[0], 0.0);
 }
 
 }  // namespace

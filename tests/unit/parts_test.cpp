@@ -126,35 +126,6 @@ TYPED_TEST(Parts, CoupledStepIsTheComplementarityProblem) {
   EXPECT_GT(bound, 200);
 }
 
-/// Arms too: the part on RR does what it does on 2 x 2 matrices that are written out here.
-TYPED_TEST(Parts, SuperTwistingOnTheArmActsOnItsJoints) {
-  using S = TypeParam;
-  for (std::uint64_t seed = 0; seed < 100; ++seed) {
-    const auto c = random_rr<S>(seed);
-    ControllerConfig<Rr<S>> config;
-    config.mechanism = c.mechanism();
-    config.law = LawKind::esmc_projected;
-    config.sample_time = S(1e-3);
-    config.gains.lambda.setConstant(S(20));
-    config.gains.k.setConstant(S(100));
-    config.gains.independent = {S(20), S(100), S(1), S(0), S(0)};
-    Tracking<Rr<S>> t;
-    t.pose = config.mechanism.pose(c.theta);
-    t.rates = c.rate;
-    t.desired_pose = config.mechanism.pose(Vec2<S>(c.theta + Vec2<S>(S(0.01), S(-0.02))));
-    t.desired_rates = c.rate;
-    t.desired_acceleration.setZero();
-    PartMemory<Rr<S>> memory;
-    memory.reset();
-    typename Rr<S>::Channels acceleration, sliding;
-    part::super_twisting(config, t, memory, acceleration, sliding);
-    SuperTwisting<S> law;
-    const Vec2<S> w = law.step({S(20) * S(0.01), S(20) * S(-0.02)}, Vec2<S>::Zero(), S(100), S(1e-3), {});
-    EXPECT_NEAR(double(acceleration[0]), double(w[0]), 2e-3 * std::fabs(double(w[0]))) << seed;
-    EXPECT_NEAR(double(acceleration[1]), double(w[1]), 2e-3 * std::fabs(double(w[1]))) << seed;
-  }
-}
-
 // ---- on the plant
 
 struct Score {
