@@ -35,6 +35,13 @@ TEST(CycleDrives, CountersBeginAtZeroAndCountEachKind) {
   b.tick();
   EXPECT_EQ(n.sent, before);
   EXPECT_EQ(n.send_failed, 2 * offered);
+  b.bus.push({.id = b.drive[0].id, .size = 0});
+  b.bus.push({.id = b.drive[0].id, .remote = true, .size = 8});
+  b.bus.push({.id = 0x555, .size = 8});
+  b.tick();
+  EXPECT_EQ(n.malformed, 1U);
+  EXPECT_EQ(n.foreign_command, 1U);
+  EXPECT_EQ(n.not_mine, 1U);
 }
 
 TEST(CycleDrives, AFullBusIsNoFaultADeadOneIs) {
@@ -103,6 +110,13 @@ TEST(CycleDrives, ASetIsCompleteWithEachAxis) {
     b.cycle->receive(b.bus);
     EXPECT_TRUE(b.cycle->complete());
   }
+}
+
+TEST(CycleDrives, EveryDriveIsAskedAgain) {
+  Bench b(Sensors::all);
+  b.build();
+  b.cycle->ask_again();
+  for (const Script& d : b.drive) EXPECT_EQ(d.asked_again, 1);
 }
 
 /// Motors of a five-bar with encoders everywhere are on axes 0 and 2.

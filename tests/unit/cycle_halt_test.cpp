@@ -74,6 +74,7 @@ TEST(Halt, HeldAgainstGravityItStays) {
   const auto rest = l.truth();
   for (int n = 0; n < 5000; ++n) l.tick();
   EXPECT_EQ(l.supervisor().state(), State::holding);
+  EXPECT_GT(l.truth().q[1], 0.2) << "outside of the box that it has left";
   for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(l.truth().q[i], rest.q[i], 1e-4);
 }
 
@@ -134,12 +135,6 @@ TEST(Halt, AMotorTooWeakToBrakeIsAFaultOfItsOwnNotForEver) {
   EXPECT_EQ(l.supervisor().fault(), Fault::workspace) << "the first name stays";
 }
 
-TEST(Halt, TheHeldPoseNeedNotBeInsideTheBoxThatWasLeft) {
-  ControlLoop l = loop(AfterHalt::hold, leaves_the_box);
-  while (l.supervisor().state() != State::holding) l.tick();
-  EXPECT_GT(l.truth().q[1], 0.2);
-}
-
 // ---- the way onto the reference
 
 TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
@@ -166,36 +161,6 @@ TEST(Join, AWayThatNeedsMoreSpeedOrTorqueThanAllowedIsNotTaken) {
   EXPECT_EQ(joins(500, 50.0, 2.0, four), Fault::none);
   EXPECT_EQ(joins(20, 50.0, 20.0, four), Fault::none);
   EXPECT_EQ(joins(20, 50.0, 1.0, four), Fault::join_infeasible);
-}
-
-/// From 0.2 to 0.25 m in 0.2 s along the quintic; what a base joint does there are second differences of its
-/// angle.
-TEST(Join, AWayThatNeedsMoreAccelerationThanAllowedIsNotTaken) {
-  const auto joins = [](double limit) {
-    LoopSetup s;
-    s.start = esmc::host::V2{0.0, 0.2};
-    s.hold = esmc::host::V2{0.0, 0.25};
-    s.torque_limit = 20.0;
-    s.adjust = [=](Config& c) {
-      c.join_ticks = 200;
-      c.limits.join_acceleration = limit;
-    };
-    ControlLoop l(s);
-    for (int n = 0; n < 220; ++n) l.tick();
-    return l.supervisor().fault();
-  };
-  const auto angle = [](double t) {
-    const double u = t / 0.2;
-    return esmc::test::five_bar_angles(0.0, 0.2 + 0.05 * u * u * u * (10 - 15 * u + 6 * u * u))[0];
-  };
-  double most = 0.0;
-  for (double t = 1e-3; t < 0.1995; t += 1e-3) {
-    most = std::max(most, std::abs(angle(t + 1e-4) - 2 * angle(t) + angle(t - 1e-4)) / 1e-8);
-  }
-  EXPECT_EQ(joins(0.0), Fault::none) << "0: any";
-  EXPECT_EQ(joins(1.02 * most), Fault::none);
-  EXPECT_EQ(joins(0.95 * most), Fault::join_infeasible);
-  EXPECT_EQ(joins(std::nan("")), Fault::join_infeasible) << "NaN allows nothing";
 }
 
 TEST(Join, IsRefusedBeforeItHasGoneFar) {
@@ -322,33 +287,6 @@ TEST(SignTest, AJointThatFivePercentCannotMoveIsNotTested) {
 
 // ---- torque ramps in
 
-TEST(Ramp, TorqueRisesInEqualStepsFromTheWeightToWhatTheLawAsks) {
-  esmc::test::Rig<FiveBar<double>> whole;
-  auto s = esmc::test::setup<FiveBar<double>>();
-  s.controller.ramp_ticks = 10;
-  esmc::test::Rig<FiveBar<double>> ramped(s);
-  ASSERT_TRUE(whole.start());
-  ASSERT_TRUE(ramped.start());
-  // Both rigs stand still, so the law asks both for the same in every tick, and the weight is always the
-  // same; the first tick has passed.
-  std::array<double, 4> weight{};
-  for (int n = 2; n <= 12; ++n) {
-    const auto all = whole.tick(), part = ramped.tick();
-    for (const std::size_t j : {0U, 2U}) {
-      const auto at = static_cast<int>(j);
-      ASSERT_FALSE(all.saturated);
-      if (n >= 10) {
-        EXPECT_EQ(part.torque[at], all.torque[at]) << n;
-        continue;
-      }
-      const double held = all.torque[at] - (all.torque[at] - part.torque[at]) / (1.0 - n / 10.0);
-      if (n == 2) weight[j] = held;
-      EXPECT_NEAR(held, weight[j], 1e-12) << n;
-      EXPECT_GT(std::abs(held), 0.1);
-    }
-  }
-}
-
 /// What was carried by a brake, or by the sign test, a tick before does not fall while the law's torque
 /// rises.
 TEST(Ramp, TheWeightIsCarriedFromTheFirstTickOn) {
@@ -402,33 +340,6 @@ TEST(Jump, AnAngleThatMovedWithoutItsRateIsAFault) {
   }
 }
 
-/// Samples that are a tick old in every tick, as those of a drive that answers after the tick, are judged as
-/// others are.
-TEST(Jump, OldSamplesAreJudgedWhereTheyAreNew) {
-  using M = FiveBar<double>;
-  for (const std::uint32_t age : {0U, 1U, 2U}) {
-    esmc::SampleJumpCheck<M> c;
-    esmc::Sample<M> s;
-    s.age_ticks.fill(age);
-    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "the first";
-    c.keep(s, 1);
-    s.angle[0] = 0.9e-3;
-    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick));
-    s.angle[0] = 1.1e-3;
-    EXPECT_FALSE(c.plausible(0, s, 1e-3, tick)) << age;
-    s.age_ticks[0] = age + 1;
-    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "the same one, a tick older";
-    s.angle[0] = 0.0;
-    c.keep(s, 1);
-    s.age_ticks[0] = age;
-    s.angle[0] = 1.9e-3;
-    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "two ticks lie between";
-    s.age_ticks[0] = age + 1;
-    EXPECT_FALSE(c.plausible(0, s, 1e-3, tick)) << "one";
-    s.age_ticks[0] = age + 2;
-    EXPECT_TRUE(c.plausible(0, s, 1e-3, tick)) << "none: not new";
-  }
-}
 TEST(Jump, ATickLateEachTimeItIsAFaultOfTheCycle) {
   auto s = esmc::test::setup<FiveBar<double>>();
   s.controller.limits.feedback_jump = 1e-3;
@@ -449,28 +360,6 @@ TEST(Jump, ATickLateEachTimeItIsAFaultOfTheCycle) {
     v.begin_tick(esmc::Command::none, {});
     EXPECT_EQ(one.tick(m, v).fault, off > 1e-3 ? Fault::feedback_jump : Fault::none);
   }
-}
-
-TEST(Jump, AfterMissedSamplesAsMuchMoreIsAllowedAsTicksHavePassed) {
-  for (const double off : {1.9e-3, 2.1e-3}) {
-    auto s = esmc::test::setup<FiveBar<double>>();
-    s.controller.limits.feedback_jump = 1e-3;
-    esmc::test::Rig<FiveBar<double>> rig(s);
-    ASSERT_TRUE(rig.start());
-    rig.sends_encoder[0] = false;
-    ASSERT_EQ(rig.tick().fault, Fault::none);
-    rig.sends_encoder[0] = true;
-    rig.angle[0] += off;
-    EXPECT_EQ(rig.tick().fault, off > 2e-3 ? Fault::feedback_jump : Fault::none) << off;
-  }
-}
-
-TEST(Jump, WithoutALimitOrAFirstSampleThereIsNone) {
-  auto s = esmc::test::setup<FiveBar<double>>();
-  esmc::test::Rig<FiveBar<double>> rig(s);
-  ASSERT_TRUE(rig.start());
-  rig.angle[0] += 0.01;
-  EXPECT_EQ(rig.tick().fault, Fault::none);
 }
 
 }  // namespace
