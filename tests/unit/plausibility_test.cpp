@@ -45,7 +45,9 @@ TEST(ZeroPose, ConfirmedInThePoseAnglesAreThoseOfThePose) {
   EXPECT_NEAR(rig.cycle.sample().angle[0], truth[0], 1e-6);
   EXPECT_NEAR(rig.cycle.sample().angle[2], truth[2], 1e-6);
   Rig absolute;
-  ASSERT_TRUE(absolute.start());
+  absolute.tick();
+  absolute.tick(Command::confirm_zero);
+  ASSERT_TRUE(absolute.start()) << "nothing to confirm";
   const auto a = absolute.tick(), b = rig.tick();
   EXPECT_NEAR(a.torque[0], b.torque[0], 1e-3) << "the same torque as with absolute encoders";
   EXPECT_NEAR(a.torque[2], b.torque[2], 1e-3);
