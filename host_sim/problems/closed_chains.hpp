@@ -65,15 +65,10 @@ class Ldlt {
   Vector d_, inverse_;
 };
 
-/// The tip of one chain on the tip of another. The closure is tip(First) - tip(Second) - offset = 0 in N.
+/// The tip of one chain on the tip of another. The closure is tip(First) - tip(Second) = 0 in N.
 template <int First, int Second>
 struct TipOnTip {
   static constexpr int sign(int chain) { return chain == First ? 1 : chain == Second ? -1 : 0; }
-};
-/// The tip of a chain on the ground, at `offset`.
-template <int First>
-struct TipOnGround {
-  static constexpr int sign(int chain) { return chain == First ? 1 : 0; }
 };
 template <class... Points>
 struct Closures {};
@@ -96,7 +91,6 @@ class ClosedChains<Closures<Points...>, Chains...> {
   struct Mounting {
     List<Vec2<double>, chains> base{};       ///< origin of each chain, m
     Coordinates zero = Coordinates::Zero();  ///< joint coordinate of the chain less the one of this class
-    List<Vec2<double>, points> offset{};     ///< of each closure, m
   };
 
   /// Copies the chains; nothing is checked.
@@ -146,27 +140,12 @@ class ClosedChains<Closures<Points...>, Chains...> {
     }
   }
 
-  /// Number of closure equations (two per point) of which at least a share `least_share`, in the mass metric,
-  /// is independent of the others; `rows` where closure is regular.
-  [[nodiscard]] int rank(const Coordinates& q, double least_share = kNoShare) const {
-    return Basis(frame(q), least_share).rank;
-  }
+  /// Number of closure equations (two per point) that are independent of the others; `rows` where closure is
+  /// regular.
+  [[nodiscard]] int rank(const Coordinates& q) const { return Basis(frame(q), kNoShare).rank; }
 
-  /// Closures in position, m, and in velocity, m/s: zero when the chains are closed.
+  /// Closures in position, m: zero when the chains are closed.
   [[nodiscard]] Rows gap(const Coordinates& q) const { return gap(frame(q)); }
-  [[nodiscard]] Rows gap_rate(const Coordinates& q, const Coordinates& v) const {
-    return closure_rates(frame(q), v);
-  }
-  /// Kinetic energy of all chains, J.
-  [[nodiscard]] double kinetic_energy(const Coordinates& q, const Coordinates& v) const {
-    double twice = 0.0;
-    each([&](auto c) {
-      const auto& m = chain<c>();
-      const auto p = m.rates(m.pose(part(q + mounting_.zero, c)), part(v, c));
-      twice += (p.array() * p.array() * m.mass().array()).sum();
-    });
-    return 0.5 * twice;
-  }
 
  private:
   static constexpr List<int, chains> sizes_{{Chains::joints...}};
@@ -232,28 +211,25 @@ class ClosedChains<Closures<Points...>, Chains...> {
       unroll<2>([&](auto i) { p.Z.col(i) = p.mass.solve(p.J.row(i).transpose()); });
       G[c] = p.J.lazyProduct(p.Z);
     });
-    if constexpr (points > 0) {
-      Mat<double, rows, rows> S = Mat<double, rows, rows>::Zero();
-      each_end([&](auto k, auto c, auto sign) {
-        unroll<k + 1>([&](auto l) {
-          constexpr int s = sign * std::tuple_element_t<l, std::tuple<Points...>>::sign(c);
-          if constexpr (s > 0) S.template block<2, 2>(2 * k, 2 * l) += G[c];
-          if constexpr (s < 0) S.template block<2, 2>(2 * k, 2 * l) -= G[c];
-        });
+    Mat<double, rows, rows> S = Mat<double, rows, rows>::Zero();
+    each_end([&](auto k, auto c, auto sign) {
+      unroll<k + 1>([&](auto l) {
+        constexpr int s = sign * std::tuple_element_t<l, std::tuple<Points...>>::sign(c);
+        if constexpr (s > 0) S.template block<2, 2>(2 * k, 2 * l) += G[c];
+        if constexpr (s < 0) S.template block<2, 2>(2 * k, 2 * l) -= G[c];
       });
-      f.schur = Ldlt<rows>(S);
-      unroll<points>([&](auto k) {
-        // Against both rows of the point: one alone may be small as a whole.
-        const double least = kRegularShare * (S.coeff(2 * k, 2 * k) + S.coeff(2 * k + 1, 2 * k + 1));
-        f.regular = f.regular && f.schur.pivot(2 * k) >= least && f.schur.pivot(2 * k + 1) >= least;
-      });
-    }
+    });
+    f.schur = Ldlt<rows>(S);
+    unroll<points>([&](auto k) {
+      // Against both rows of the point: one alone may be small as a whole.
+      const double least = kRegularShare * (S.coeff(2 * k, 2 * k) + S.coeff(2 * k + 1, 2 * k + 1));
+      f.regular = f.regular && f.schur.pivot(2 * k) >= least && f.schur.pivot(2 * k + 1) >= least;
+    });
     return f;
   }
 
   [[nodiscard]] Rows gap(const Frame& f) const {
-    Rows out;
-    unroll<points>([&](auto k) { out.template segment<2>(2 * k) = -mounting_.offset[k]; });
+    Rows out = Rows::Zero();
     each_end([&](auto k, auto c, auto sign) {
       out.template segment<2>(2 * k) +=
           double(sign) * (mounting_.base[c] + chain<c>().tip(std::get<c>(f.parts).pose));
@@ -271,9 +247,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
 
   /// The x of A x = r that is shortest in the metric of M. `full` is cleared where closure has lost rank.
   [[nodiscard]] Coordinates shortest(const Frame& f, const Rows& r, double least_share, bool& full) const {
-    if constexpr (points == 0) {
-      return Coordinates::Zero();
-    } else if (f.regular) {
+    if (f.regular) {
       const Rows lambda = f.schur.solve(r);
       List<Vec2<double>, chains> force;
       each([&](auto c) { force[c].setZero(); });
@@ -284,11 +258,10 @@ class ClosedChains<Closures<Points...>, Chains...> {
         x.template segment<size(c)>(first(c)) = std::get<c>(f.parts).Z.lazyProduct(force[c]);
       });
       return x;
-    } else {
-      const Basis b(f, least_share);
-      full = b.rank == rows;
-      return b.shortest(r);
     }
+    const Basis b(f, least_share);
+    full = b.rank == rows;
+    return b.shortest(r);
   }
 
   /// Rows of A made orthonormal in the metric of M^-1, the row with the largest rest first: A = L N. Each row
@@ -296,7 +269,7 @@ class ClosedChains<Closures<Points...>, Chains...> {
   struct Basis {
     List<Coordinates, rows> row{}, weighted{};  // of N, and M^-1 times it
     Mat<double, rows, rows> L = Mat<double, rows, rows>::Zero();
-    List<int, rows == 0 ? 1 : rows> order{};
+    List<int, rows> order{};
     int rank = 0;
 
     Basis(const Frame& f, double least_share) {

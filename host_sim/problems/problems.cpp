@@ -33,7 +33,6 @@ Andrews::Andrews()
         // The literature counts these angles from another axis of the body.
         m.zero[gamma] = m.zero[phi] = m.zero[epsilon] = -quarter;
         m.zero[omega] = quarter;
-        m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero(), Vec2<double>::Zero()}};
         return AndrewsChains(crank_and_rod, k3, k5_k4, k7_k6, m);
       }()) {}
 
@@ -55,7 +54,6 @@ TwoFourBars::TwoFourBars()
         const Serial<double, Bar> single({{rod()}}, 9.81);
         FourBarChain::Mounting m;
         m.base = {{Vec2<double>(0.0, 0.0), Vec2<double>(1.0, 0.0), Vec2<double>(2.0, 0.0)}};
-        m.offset = {{Vec2<double>::Zero(), Vec2<double>::Zero()}};
         return FourBarChain(pair, single, pair, m);
       }()) {}
 
@@ -79,40 +77,6 @@ void Pendulum::project(State& y) {
   const double outwards = y[0] * y[2] + y[1] * y[3];
   y[2] -= outwards * y[0];
   y[3] -= outwards * y[1];
-}
-
-FallingFiveBar::FallingFiveBar()
-    : plant_([] {
-        const LegParams<double> leg{
-            .l1 = 0.12, .l2 = 0.16, .lg1 = 0.06, .lg2 = 0.068, .m1 = 0.1, .m2 = 0.1, .J1 = 2e-4, .J2 = 7e-4};
-        return FiveBarParams<double>{.l0 = 0.05, .m0 = 0.0, .g = 9.8, .legs = {leg, leg}};
-      }()) {}
-
-FallingFiveBar::State FallingFiveBar::start() const {
-  const auto s = FiveBarPlant::from_joints(
-      {0.33914579427821183820, 1.85318013531281830819, 1.31276054418215195822, 1.48475269532538599760}, {});
-  State y{};
-  for (std::size_t i = 0; i < positions; ++i) y[i] = s.angle[i];
-  return y;
-}
-
-FiveBarPlant::State FallingFiveBar::unpack(const State& y) {
-  return {{y[0], y[1], y[2], y[3]}, {y[4], y[5], y[6], y[7]}};
-}
-
-void FallingFiveBar::slope(double, const State& y, State& dy) const {
-  const FiveBarPlant::State s = unpack(y);
-  const auto a = plant_.acceleration(s.angle, s.rate, {});
-  dy = {y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3]};
-}
-
-void FallingFiveBar::project(State& y) const {
-  FiveBarPlant::State s = unpack(y);
-  plant_.project(s.angle, s.rate);
-  for (std::size_t i = 0; i < positions; ++i) {
-    y[i] = s.angle[i];
-    y[positions + i] = s.rate[i];
-  }
 }
 
 }  // namespace esmc::host

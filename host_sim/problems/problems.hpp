@@ -1,8 +1,7 @@
 #pragma once
-/// Benchmark problems as systems. The equations are those of closed_chains.hpp and of the five-bar's plant.
+/// Benchmark problems as systems. The equations are those of closed_chains.hpp.
 
 #include "host_sim/integrate/system.hpp"
-#include "host_sim/plant/plant.hpp"
 #include "host_sim/problems/closed_chains.hpp"
 
 namespace esmc::host {
@@ -88,9 +87,6 @@ class TwoFourBars : public ChainSystem<TwoFourBars, FourBarChain> {
   [[nodiscard]] State start() const;
   /// State of the parallelogram with its rods at an angle (rad) and a rate (rad/s).
   [[nodiscard]] static State parallelogram(double angle, double rate);
-  /// Position of B0, m.
-  [[nodiscard]] static Vec2<double> b0(const State& y) { return {std::cos(y[0]), std::sin(y[0])}; }
-  [[nodiscard]] int rank(const State& y) const { return mechanism().rank(position(y)); }  ///< of closure
 
   template <class Poses>
   void operator()(const Poses&, Coordinates&) const {}  ///< no load besides weight
@@ -106,25 +102,6 @@ class Pendulum {
   [[nodiscard]] static State start() { return {-1.0, 0.0, 0.0, 0.0}; }
   static void slope(double t, const State& y, State& dy);
   static void project(State& y);
-};
-
-/// 5R-FALL: a five-bar that falls through both kinds of singularity. Positions: FiveBarPlant's bar angles.
-class FallingFiveBar {
- public:
-  static constexpr std::size_t positions = 4, capacity = 8;
-  using State = std::array<double, capacity>;
-
-  FallingFiveBar();
-  [[nodiscard]] static constexpr std::size_t size() { return capacity; }
-  [[nodiscard]] State start() const;  ///< at rest
-  void slope(double t, const State& y, State& dy) const;
-  void project(State& y) const;
-  /// Effector x, y, m, and joint angles theta11, theta12, theta21, theta22, rad; and their rates.
-  [[nodiscard]] FiveBarPlant::Output output(const State& y) const { return plant_.output(unpack(y)); }
-
- private:
-  static FiveBarPlant::State unpack(const State& y);
-  FiveBarPlant plant_;
 };
 
 }  // namespace esmc::host
