@@ -29,14 +29,12 @@ class SocketCan {
   /// the kernel refused, and the previous filters stay.
   [[nodiscard]] bool set_filters(const IdFilters& filters);
 
-  /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: until recover(), or interface down.
+  /// Sends f. refused: not well formed, or FD on a classic bus; bus_off: for good, or interface down.
   [[nodiscard]] SendStatus try_send(const CanFrame& f);
-  /// Takes the next frame; false: none. An error frame of bus-off makes try_send fail until recover().
+  /// Takes the next frame; false: none. An error frame of bus-off makes try_send fail from then on.
   [[nodiscard]] bool try_receive(CanFrame& f);
   /// Waiting time of the frame received last, by the kernel's time stamp, us; 0 without a stamp.
   [[nodiscard]] std::uint32_t frame_age_us() const { return frame_age_us_; }
-  /// Ends bus_off after the controller was restarted (ip link set ... up): an operator's decision only.
-  void recover() { bus_off_ = false; }
 
  private:
   Descriptor fd_;

@@ -7,7 +7,6 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <span>
 
 #include "hal/can.hpp"
@@ -83,15 +82,13 @@ inline constexpr char slcan_error = '\a';  ///< an adapter's negative answer, wi
   return true;
 }
 
-/// Decoder of a stream of bytes into frames. A line that is no frame is skipped up to its CR and counted.
+/// Decoder of a stream of bytes into frames. A line that is no frame, as an answer of the other end, is
+/// skipped up to its CR.
 class SlcanDecoder {
  public:
   /// Takes a byte of the line. True: it completed the frame in `out`; false: `out` is untouched.
   [[nodiscard]] constexpr bool feed(char byte, CanFrame& out) {
-    if (byte == slcan_error && length_ == 0) {
-      count(errors_);
-      return false;
-    }
+    if (byte == slcan_error && length_ == 0) return false;
     if (byte != slcan_end) {
       // Of a line that is too long, the length alone is kept.
       if (length_ < line_.size()) line_[length_] = byte;
@@ -100,28 +97,12 @@ class SlcanDecoder {
     }
     const std::span<const char> line{line_.data(), length_};
     length_ = 0;
-    if (slcan_decode(line, out)) return true;
-    // Answers: to a command an empty line, to a sent frame z or Z.
-    const bool answer = line.empty() || (line.size() == 1 && (line[0] == 'z' || line[0] == 'Z'));
-    count(answer ? answers_ : malformed_);
-    return false;
+    return slcan_decode(line, out);
   }
-
-  /// Number of lines that were neither a frame nor an answer. All counts stop at their largest value.
-  [[nodiscard]] constexpr std::uint32_t malformed() const { return malformed_; }
-  /// Number of positive answers of the other end.
-  [[nodiscard]] constexpr std::uint32_t answers() const { return answers_; }
-  /// Number of negative answers of the other end.
-  [[nodiscard]] constexpr std::uint32_t errors() const { return errors_; }
 
  private:
-  static constexpr void count(std::uint32_t& n) {
-    if (n != std::numeric_limits<std::uint32_t>::max()) ++n;
-  }
-
   std::array<char, slcan_line_max> line_{};  // full without CR: longer than any frame
   std::size_t length_ = 0;
-  std::uint32_t malformed_ = 0, answers_ = 0, errors_ = 0;
 };
 
 /// A serial port: try_write takes all bytes or none, try_read one byte if there is one. Neither call blocks.
@@ -170,8 +151,6 @@ class SlcanBus {
     }
     return false;
   }
-
-  [[nodiscard]] constexpr const SlcanDecoder& decoder() const { return decoder_; }  ///< for its counts
 
  private:
   P* port_;

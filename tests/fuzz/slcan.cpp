@@ -48,7 +48,6 @@ std::optional<CanFrame> read_line(const std::string& line) {
 void bytes(fuzz::Bytes& in) {
   hal::SlcanDecoder decoder;
   std::string line;
-  std::uint32_t malformed = 0, answers = 0, errors = 0;
   CanFrame before;
   before.id = 0x555;
   while (!in.empty()) {
@@ -67,21 +66,13 @@ void bytes(fuzz::Bytes& in) {
           const auto k = static_cast<std::size_t>(i);
           require(again[k] == std::toupper(static_cast<unsigned char>(line[k])), "as it was heard");
         }
-      } else {
-        ++(line.empty() || line == "z" || line == "Z" ? answers : malformed);
       }
       line.clear();
     } else {
       require(!frame, "a frame ends with CR");
-      if (c == '\a' && line.empty()) {
-        ++errors;
-      } else {
-        line.push_back(c);
-      }
+      if (c != '\a' || !line.empty()) line.push_back(c);
     }
     if (!frame) require(f == before, "what was there stays");
-    require(decoder.malformed() == malformed && decoder.answers() == answers && decoder.errors() == errors,
-            "counted");
   }
 }
 
