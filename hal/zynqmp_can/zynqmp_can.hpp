@@ -22,7 +22,8 @@ concept ZynqmpCanAccess = requires(A& a, const A& c, std::uint32_t at, std::uint
 
 /// CAN controller of a Zynq UltraScale+. `layout`: of the manual, or of the emulator for an image that runs
 /// there only. The controller, whose FIFO cannot give a frame back, gets one at a time; the others wait here.
-/// The counter that stamps received frames cannot be read, so their age is not known.
+/// The counter that stamps received frames cannot be read, so their age is not known. After bus-off the
+/// controller is kept off the bus, for it would send its FIFO when it recovers.
 template <zynqmp_can::Layout layout, ZynqmpCanAccess Access>
 class ZynqmpCan {
  public:
@@ -33,20 +34,28 @@ class ZynqmpCan {
   /// Joins the bus at `bit_rate` (bit/s) with a reference clock of `clock` (Hz), without filters. False, off
   /// the bus: rate not exactly possible, no answer of the controller, or never 11 recessive bits on the bus.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate) {
-    opened_ = left_ = false;
-    timing_ = bit_timing(clock, bit_rate, zynqmp_can::limits);
+    using namespace zynqmp_can;
+    opened_ = sending_ = false;
     waiting_.clear();
-    if (!timing_.exact() || !restart()) return false;
-    opened_ = await(zynqmp_can::sr_bit::config, 0);
-    return opened_;
+    const BitTiming timing = bit_timing(clock, bit_rate, limits);
+    if (!timing.exact()) return false;
+    a_.write(srr, srr_bit::srst);
+    if (!await(sr_bit::config, sr_bit::config)) return false;
+    a_.write(brpr, timing.prescaler - 1);
+    a_.write(btr, ((timing.jump_width - 1) << 7) | ((timing.segment2 - 1) << 4) | (timing.segment1 - 1));
+    a_.write(msr, 0);
+    a_.write(afr, 0);
+    a_.write(ier, 0);
+    a_.write(icr, event::all);
+    a_.write(srr, srr_bit::cen);
+    return opened_ = await(sr_bit::config, 0);
   }
 
-  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait.
+  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait; bus_off: for good.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || f.fd || f.bit_rate_switch) return SendStatus::refused;
-    if (!opened_) return SendStatus::bus_off;
     pump();
-    if (left_) return SendStatus::bus_off;
+    if (!opened_) return SendStatus::bus_off;
     if (!waiting_.push(f)) return SendStatus::bus_full;
     pump();
     return SendStatus::ok;
@@ -54,61 +63,15 @@ class ZynqmpCan {
 
   /// Takes the oldest received frame, of any identifier. False: none or off the bus, `f` untouched.
   [[nodiscard]] bool try_receive(CanFrame& f) {
-    if (!opened_) return false;
     pump();
-    if (left_) return false;
     using namespace zynqmp_can;
-    const Word events = a_.read(isr);
-    if ((events & event::rxoflw) != 0) {
-      a_.write(icr, event::rxoflw);
-      ++overruns_;
-    }
-    if ((events & event::rxnemp) == 0) return false;
+    if (!opened_ || (a_.read(isr) & event::rxnemp) == 0) return false;
     const Word id = a_.read(rx_fifo), length = a_.read(rx_fifo + 4);  // all four, in this order
     const Word first = a_.read(rx_fifo + 8), second = a_.read(rx_fifo + 12);
     a_.write(icr, event::rxnemp);  // set again at once while there are more
     decode(id, length, first, second, f);
     return true;
   }
-
-  /// Drops waiting perishable frames; also the one in the controller if the bus has not taken it since the
-  /// last withdraw(): by a reset, which clears the error counters and may cause an error frame.
-  void withdraw() {
-    if (!opened_) return;
-    pump();
-    withdrawn_ += waiting_.withdraw();
-    if (!sending_ || !perishable_ || left_) return;
-    if (!stale_) {
-      stale_ = true;
-    } else if ((a_.read(zynqmp_can::isr) & zynqmp_can::event::rxnemp) ==
-               0) {  // a reset loses received frames
-      ++withdrawn_;
-      if (!restart()) left_ = true;
-    }
-  }
-
-  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
-  [[nodiscard]] bool off() const {
-    if (!opened_) return true;
-    const zynqmp_can::Word state = a_.read(zynqmp_can::sr);
-    return bus_off(state, a_.read(zynqmp_can::isr)) ||
-           (left_ && (!rejoining_ || (state & zynqmp_can::sr_bit::config) != 0));
-  }
-  /// Rejoins after bus-off, dropping all waiting frames; until then the controller is kept off the bus, for
-  /// it would send its FIFO when it recovers. It joins after 11 recessive bits instead of 128 times as many:
-  /// call this 2 ms after bus-off or later. Torque does not resume, for bus_off is a latched fault.
-  void rejoin() {
-    if (!opened_ || !off()) return;
-    leave();
-    rejoining_ = restart();
-  }
-
-  /// Number of times that received frames were lost unread.
-  [[nodiscard]] std::uint32_t overruns() const { return overruns_; }
-  /// Number of withdrawn frames.
-  [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
-  /// Transmit errors in bits 7..0, receive errors in bits 15..8: ECR. 0 while kept off the bus.
-  [[nodiscard]] std::uint32_t error_counters() const { return a_.read(zynqmp_can::ecr) & 0xFFFFU; }
 
  private:
   using Word = zynqmp_can::Word;
@@ -121,50 +84,22 @@ class ZynqmpCan {
     return false;
   }
 
-  /// Empty FIFOs, normal mode, no filters; on the bus after 11 recessive bits (SR.CONFIG 0). False: silent.
-  [[nodiscard]] bool restart() {
-    using namespace zynqmp_can;
-    sending_ = stale_ = false;
-    a_.write(srr, srr_bit::srst);
-    if (!await(sr_bit::config, sr_bit::config)) return false;
-    a_.write(brpr, timing_.prescaler - 1);
-    a_.write(btr, ((timing_.jump_width - 1) << 7) | ((timing_.segment2 - 1) << 4) | (timing_.segment1 - 1));
-    a_.write(msr, 0);
-    a_.write(afr, 0);
-    a_.write(ier, 0);
-    a_.write(icr, event::all);
-    a_.write(srr, srr_bit::cen);
-    return true;
-  }
-
-  /// By the event too, for the controller may have recovered meanwhile.
-  [[nodiscard]] static constexpr bool bus_off(zynqmp_can::Word state, zynqmp_can::Word events) {
-    return (state & zynqmp_can::sr_bit::estat) == zynqmp_can::sr_bit::bus_off ||
-           (events & zynqmp_can::event::bsoff) != 0;
-  }
-
-  /// Configuration mode with empty FIFOs.
-  void leave() {
-    a_.write(zynqmp_can::srr, zynqmp_can::srr_bit::srst);
-    withdrawn_ += waiting_.clear() + (sending_ ? 1U : 0U);
-    sending_ = stale_ = rejoining_ = false;
-    left_ = true;
-  }
-
-  /// Detects bus-off and recovery, and gives the controller the next frame when it has sent the last one.
+  /// Detects bus-off, and gives the controller the next frame when it has sent the last one.
   void pump() {
     using namespace zynqmp_can;
-    const Word state = a_.read(sr), events = a_.read(isr);
-    if (bus_off(state, events)) return leave();
-    if ((state & sr_bit::config) != 0) return;
-    if (rejoining_) left_ = rejoining_ = false;
-    if (sending_ && (events & event::txok) != 0) sending_ = stale_ = false;
+    if (!opened_) return;
+    const Word events = a_.read(isr);
+    // By the event too, for the controller may have recovered meanwhile.
+    if ((a_.read(sr) & sr_bit::estat) == sr_bit::bus_off || (events & event::bsoff) != 0) {
+      a_.write(srr, srr_bit::srst);  // configuration mode with empty FIFOs
+      opened_ = false;
+      return;
+    }
+    if (sending_ && (events & event::txok) != 0) sending_ = false;
     if (sending_ || waiting_.empty()) return;
-    const CanFrame& f = waiting_.front();
     a_.write(icr, event::txok);
-    encode(f);
+    encode(waiting_.front());
     sending_ = true;
-    perishable_ = f.perishable;
     waiting_.pop();
   }
 
@@ -214,10 +149,7 @@ class ZynqmpCan {
   }
 
   Access a_;
-  BitTiming timing_{};
-  bool opened_ = false, left_ = false, rejoining_ = false;     // left_: off the bus and kept there
-  bool sending_ = false, perishable_ = false, stale_ = false;  // of the frame in the controller
-  std::uint32_t overruns_ = 0, withdrawn_ = 0;
+  bool opened_ = false, sending_ = false;
   WaitingFrames waiting_{};
 };
 

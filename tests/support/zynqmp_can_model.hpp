@@ -28,7 +28,6 @@ class ZynqmpCanModel {
   std::vector<std::string> wrong;
   bool clocked = true;  ///< without a clock nothing follows
   bool stuck = false;   ///< a dominant bus: no 11 recessive bits, no way onto it
-  int resets = 0;
 
   // --- the program's side
   std::uint32_t read(std::uint32_t at) {
@@ -36,8 +35,6 @@ class ZynqmpCanModel {
     switch (at) {
       case 0x00:
         return enabled_ ? 2U : 0U;
-      case 0x10:
-        return rec_ << 8 | (tec_ & 0xFFU);
       case 0x18:
         return status();
       case 0x1C:
@@ -57,7 +54,6 @@ class ZynqmpCanModel {
       case 0x00:
         if ((v & 1U) != 0) {
           reset();
-          ++resets;
         } else {
           enable((v & 2U) != 0);
         }
@@ -121,7 +117,7 @@ class ZynqmpCanModel {
   void idle(std::uint32_t n) {
     if (stuck) return;
     if (enabled_ && n >= 11) joined_ = true;
-    if (off_ && (idle_ += n) >= 128 * 11) off_ = false, tec_ = rec_ = 0;
+    if (off_ && (idle_ += n) >= 128 * 11) off_ = false, tec_ = 0;
   }
   void deliver(const Message& f) {
     if (!on_bus()) return;
@@ -153,10 +149,10 @@ class ZynqmpCanModel {
     half_.clear();
     enabled_ = joined_ = off_ = false;
     events_ = 1U << 13 | 1U << 14;  // TXFWMEMP, TXFEMP
-    tec_ = rec_ = settle_ = read_words_ = 0;
+    tec_ = settle_ = read_words_ = 0;
   }
   void enable(bool on) {
-    if (!on) joined_ = false, tec_ = rec_ = 0, off_ = false;
+    if (!on) joined_ = false, tec_ = 0, off_ = false;
     if (on && !enabled_) settle_ = 3;
     enabled_ = on;
   }
@@ -164,7 +160,7 @@ class ZynqmpCanModel {
   std::uint32_t status() {
     if (enabled_ && !joined_ && !stuck && settle_ > 0 && --settle_ == 0) joined_ = true;
     if (!joined_) return 1U;
-    const std::uint32_t error = off_ ? 2U : (tec_ > 127 || rec_ > 127 ? 3U : 1U);
+    const std::uint32_t error = off_ ? 2U : (tec_ > 127 ? 3U : 1U);
     return 1U << 3 | error << 7 | (tx_.size() == 64 ? 1U << 10 : 0U);
   }
   void put_word(std::uint32_t i, std::uint32_t v) {
@@ -233,7 +229,7 @@ class ZynqmpCanModel {
   std::deque<Four> tx_, rx_;
   Four half_;
   bool enabled_ = false, joined_ = false, off_ = false;
-  std::uint32_t events_ = 0, tec_ = 0, rec_ = 0, settle_ = 0, idle_ = 0, read_words_ = 0;
+  std::uint32_t events_ = 0, tec_ = 0, settle_ = 0, idle_ = 0, read_words_ = 0;
 };
 
 /// The driver's way to it.
