@@ -13,15 +13,9 @@
 #include <string>
 #include <vector>
 
-namespace esmc::test {
+#include "tests/support/wire_frame.hpp"
 
-struct WireFrame {
-  std::uint32_t id = 0;
-  bool extended = false, remote = false, fd = false, brs = false;
-  unsigned dlc = 0;
-  std::vector<std::uint8_t> bytes{};  // as many as the code says
-  friend bool operator==(const WireFrame&, const WireFrame&) = default;
-};
+namespace esmc::test {
 
 class FdcanModel {
  public:

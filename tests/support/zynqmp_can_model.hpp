@@ -11,15 +11,9 @@
 #include <string>
 #include <vector>
 
-namespace esmc::test {
+#include "tests/support/wire_frame.hpp"
 
-struct Message {
-  std::uint32_t id = 0;
-  bool extended = false, remote = false;
-  unsigned dlc = 0;
-  std::vector<std::uint8_t> bytes{};
-  friend bool operator==(const Message&, const Message&) = default;
-};
+namespace esmc::test {
 
 class ZynqmpCanModel {
  public:
@@ -92,7 +86,7 @@ class ZynqmpCanModel {
   // --- the bus's side
   [[nodiscard]] bool on_bus() const { return enabled_ && joined_ && !off_; }
   /// The frame that is being sent: the oldest one, again and again until it is acknowledged.
-  std::optional<Message> begin_frame() {
+  std::optional<WireFrame> begin_frame() {
     if (!on_bus() || tx_.empty()) return {};
     return message(tx_.front());
   }
@@ -101,7 +95,7 @@ class ZynqmpCanModel {
     events_ |= 1U << 1 | (tx_.empty() ? 1U << 14 : 0U);
     if (tec_ > 0) --tec_;
   }
-  std::optional<Message> take() {
+  std::optional<WireFrame> take() {
     auto f = begin_frame();
     if (f) delivered();
     return f;
@@ -119,7 +113,7 @@ class ZynqmpCanModel {
     if (enabled_ && n >= 11) joined_ = true;
     if (off_ && (idle_ += n) >= 128 * 11) off_ = false, tec_ = 0;
   }
-  void deliver(const Message& f) {
+  void deliver(const WireFrame& f) {
     if (!on_bus()) return;
     if ((r_.contains(0x60) ? r_[0x60] : 0U) != 0) return;  // a filter that this model's messages never pass
     if (rx_.size() == 64) {
@@ -132,7 +126,7 @@ class ZynqmpCanModel {
   struct Bit {
     double rate, sample_point, quanta, jump;
   };
-  [[nodiscard]] Bit bit(double clock) {
+  [[nodiscard]] Bit nominal(double clock) {
     const std::uint32_t v = r_[0x0C];
     const double before = (v & 0xFU) + 1.0, after = ((v >> 4) & 7U) + 1.0, quanta = 1.0 + before + after;
     return {clock / ((r_[0x08] & 0xFFU) + 1.0) / quanta, (1.0 + before) / quanta, quanta,
@@ -189,7 +183,7 @@ class ZynqmpCanModel {
   [[nodiscard]] std::uint32_t byte_at(unsigned i) const {
     return words_ == Words::manual ? 24 - 8 * (i % 4) : 8 * (i % 4);
   }
-  [[nodiscard]] Four words(const Message& f) const {
+  [[nodiscard]] Four words(const WireFrame& f) const {
     Four w(4, 0U);
     if (words_ == Words::qemu) {
       w[0] = f.id | (f.extended ? 0x80000000U : 0U) | (f.remote ? 0x40000000U : 0U);
@@ -202,8 +196,8 @@ class ZynqmpCanModel {
     for (unsigned i = 0; i < f.bytes.size(); ++i) w[2 + i / 4] |= std::uint32_t{f.bytes[i]} << byte_at(i);
     return w;
   }
-  Message message(const Four& w) {
-    Message f;
+  WireFrame message(const Four& w) {
+    WireFrame f;
     if (words_ == Words::qemu) {
       f.extended = (w[0] >> 31) != 0;
       f.remote = (w[0] >> 30 & 1U) != 0;
