@@ -50,11 +50,9 @@ typename System::State state_of(const Scene& scene, const System& system, const 
   const auto d = desired_at_effector(mechanism, mode_of<M>(scene), Vec2<double>(x.head<2>()),
                                      Vec2<double>(x.segment<2>(2)), Vec2<double>::Zero().eval());
   if (!d) return y;  // not within a difference of a pose that is regular
-  const auto every = M::angles(d->pose), speed = joints_of<M>(d->rates);
-  for (int i = 0; i < M::joints; ++i) {
-    angle[static_cast<std::size_t>(i)] = every[i];
-    rate[static_cast<std::size_t>(i)] = speed[i];
-  }
+  const Vec<double, M::joints> every = M::angles(d->pose), speed = joints_of<M>(d->rates);
+  std::ranges::copy(every, angle.begin());
+  std::ranges::copy(speed, rate.begin());
   const typename Plant::State bars = Plant::from_joints(angle, rate);
   System::put(y, bars.angle, bars.rate);
   system.start(y);
@@ -172,7 +170,7 @@ StateSpace linear_controller(const Scene& with_friction, const Moment& at) {
   const auto reference = make_reference(scene, Pacing::lockstep);
   const ControllerConfig<M> c = resting_controller<M>(scene, reference);
   Sample<M> sample;
-  for (int i = 0; i < M::joints; ++i) sample.angle[i] = at.angle[static_cast<std::size_t>(i)];
+  sample.angle = Vec<double, M::joints>(at.angle.data());
   Controller<M> controller(c);
   const auto memory_of = [&](Controller<M>& of) {
     std::vector<double*> out;

@@ -26,9 +26,7 @@ std::size_t joint_of(std::size_t i, int of) {
 
 template <class M>
 typename M::Pose start_pose(const Scene& scene, const M& m) {
-  Vec<double, M::joints> q;
-  for (int i = 0; i < M::joints; ++i) q[i] = scene.start_angle[static_cast<std::size_t>(i)];
-  return m.pose(q);
+  return m.pose(Vec<double, M::joints>(scene.start_angle.data()));
 }
 
 /// With the friction of the plant, and `payload`, kg, at the effector.
@@ -279,12 +277,7 @@ std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double l
     const auto d = desired(m, mode_of<M>(scene), reference.space, r);
     if (!d) return std::nullopt;
     const Vec<double, M::joints> angle = M::angles(d->pose), rate = joints_of<M>(d->rates);
-    Moment out{tick, {}, {}};
-    for (int i = 0; i < M::joints; ++i) {
-      out.angle.push_back(angle[i]);
-      out.rate.push_back(rate[i]);
-    }
-    return out;
+    return Moment{tick, {angle.begin(), angle.end()}, {rate.begin(), rate.end()}};
   });
 }
 
