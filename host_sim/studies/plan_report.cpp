@@ -10,6 +10,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/plan/limits.hpp"
 #include "host_sim/record/finish.hpp"
+#include "host_sim/record/recording.hpp"
 #include "host_sim/report/study_page.hpp"
 #include "host_sim/studies/studies.hpp"
 
@@ -73,26 +74,14 @@ class PlanReport {
   [[nodiscard]] std::size_t rows() const { return plan_.ticks + 1; }  ///< of path.csv
   /// Columns of path.csv.
   [[nodiscard]] static std::vector<std::string> columns(const Scene& scene) {
-    const bool five_bar = M::joints == 4;
-    const std::vector<std::string> q = five_bar ? std::vector<std::string>{"theta11", "theta21"}
-                                                : std::vector<std::string>{"theta1", "theta2"};
-    std::vector<std::string> out{"t",
-                                 "x",
-                                 "y",
-                                 q[0],
-                                 q[1],
-                                 "xd",
-                                 "yd",
-                                 q[0] + "_rate",
-                                 q[1] + "_rate",
-                                 "xdd",
-                                 "ydd",
-                                 q[0] + "_acceleration",
-                                 q[1] + "_acceleration"};
-    for (const std::size_t joint : scene.motor_joints()) {
-      out.push_back(five_bar ? fmt::format("tau{}{}", joint / 2 + 1, joint % 2 + 1)
-                             : fmt::format("tau{}", joint + 1));
+    const std::vector<std::string> joint = joint_names(scene.type);
+    std::vector<std::string> out{"t"};
+    for (const auto& [dots, suffix] :
+         {std::pair{"", ""}, std::pair{"d", "_rate"}, std::pair{"dd", "_acceleration"}}) {
+      for (const char* axis : {"x", "y"}) out.push_back(std::string(axis) + dots);
+      for (const std::string& base : {joint[0], joint[joint.size() / 2]}) out.push_back(base + suffix);
     }
+    for (const std::size_t m : scene.motor_joints()) out.push_back("tau" + joint[m].substr(5));
     return out;
   }
 
