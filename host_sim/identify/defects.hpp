@@ -13,10 +13,11 @@ namespace esmc::host {
 [[nodiscard]] Matrix columns_of(const Defect& d, const Equations& e, const IdentifyProblem& p,
                                 const Identification& at);
 
-/// A weighted solution: A x = b less the residual. The first columns of A are the parameters and the delay.
+/// A weighted solution: A x = b less the residual. x: base parameters, then the step of the delay, then the
+/// shifts of the reversals.
 struct Solution {
   Matrix A;
-  Vector residual;
+  Vector x, residual;
   std::array<double, 2> weight{1.0, 1.0};  ///< of rows, by base joint
 };
 

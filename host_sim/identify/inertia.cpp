@@ -14,8 +14,6 @@
 namespace esmc::host {
 namespace {
 
-// ---- their solution
-
 constexpr double dependent = 1e-7;        // of a column's length: what is left of one that others make up
 constexpr std::size_t defects_max = 3;    // that are looked for
 constexpr double weak_uncertainty = 0.5;  // an uncertainty of half of everything there is
@@ -57,16 +55,12 @@ std::vector<BaseParameter> independent_columns(const Matrix& W,
   return out;
 }
 
-/// Least squares for parameters and delay about a delay, rows weighted. x: base parameters, then the step of
-/// the delay, then the shifts of the reversals.
-struct Step {
-  Vector x, residual;
-  Matrix A;
-};
-Step solve(const Equations& e, const Matrix& W, const std::array<double, 2>& weight, double delay) {
+/// Least squares for parameters and delay about a delay.
+Solution solve(const Equations& e, const Matrix& W, const std::array<double, 2>& weight, double delay) {
   constexpr double h = 0.25;
   Vector b = e.torque(delay);
-  Step s;
+  Solution s;
+  s.weight = weight;
   s.A.resize(W.rows(), W.cols() + 1 + e.reversal.cols());
   s.A.leftCols(W.cols()) = W;
   s.A.col(W.cols()) = (e.torque(delay - h) - e.torque(delay + h)) / (2.0 * h);
@@ -81,7 +75,7 @@ Step solve(const Equations& e, const Matrix& W, const std::array<double, 2>& wei
 }
 
 /// Of parameters and delay.
-Matrix covariance_of(const Step& s, Eigen::Index count) {
+Matrix covariance_of(const Solution& s, Eigen::Index count) {
   const Matrix gradient =
       gradient_covariance(s.A, s.residual, correlation_blocks(s.A.rows(), hops_per_window));
   return congruent(pseudo_inverse(gram(s.A)), gradient).topLeftCorner(count, count);
@@ -130,7 +124,7 @@ Vector set_nominal(std::vector<BaseParameter>& parameters, const IdentifyProblem
 double coarse_delay(const Equations& e, const Matrix& W, const std::array<double, 2>& weight) {
   double best = 0.0, least = std::numeric_limits<double>::infinity();
   for (double delay = -2.0; delay <= 10.0; delay += 1.0) {
-    const Step at = solve(e, W, weight, delay);
+    const Solution at = solve(e, W, weight, delay);
     const double cost = (at.residual + at.A.col(W.cols()) * at.x[W.cols()]).squaredNorm();
     if (cost < least) {
       least = cost;
@@ -190,20 +184,18 @@ Identification fit(const IdentifyProblem& p, const Identification& at, Solution&
   std::array weight{1.0, 1.0};
   out.delay_ticks = coarse_delay(e, W, weight);
   for (int pass = 0; pass < 2; ++pass) {
-    Step s;
     double step = 1.0;
     for (int i = 0; i < 30 && std::abs(step) >= 1e-9; ++i) {
-      s = solve(e, W, weight, out.delay_ticks);
-      step = std::clamp(s.x[n], -1.0, 1.0);
+      solution = solve(e, W, weight, out.delay_ticks);
+      step = std::clamp(solution.x[n], -1.0, 1.0);
       out.delay_ticks = std::clamp(out.delay_ticks + step, delay_min, delay_max);
     }
-    weigh(s.residual, e.torque(out.delay_ticks), weight, out);
+    weigh(solution.residual, e.torque(out.delay_ticks), weight, out);
   }
-  const Step s = solve(e, W, weight, out.delay_ticks);
-  set_covariance(out, covariance_of(s, n + 1));
-  for (Eigen::Index i = 0; i < n; ++i) out.parameters[static_cast<std::size_t>(i)].value = s.x[i];
+  solution = solve(e, W, weight, out.delay_ticks);
+  set_covariance(out, covariance_of(solution, n + 1));
+  for (Eigen::Index i = 0; i < n; ++i) out.parameters[static_cast<std::size_t>(i)].value = solution.x[i];
   out.weak = weak_directions(out.parameters, out.covariance, scale);
-  solution = {s.A, s.residual, weight};
   return out;
 }
 
