@@ -32,7 +32,7 @@ inline constexpr Word config = 1U << 0, estat = 3U << 7,
                       bus_off = 2U << 7;  ///< ESTAT: 1 active, 3 passive, 2 bus-off
 }
 namespace event {  // of ISR, ICR
-inline constexpr Word txok = 1U << 1, rxnemp = 1U << 7, bsoff = 1U << 9, all = 0x7FFFU;
+inline constexpr Word txok = 1U << 1, rxoflw = 1U << 6, rxnemp = 1U << 7, bsoff = 1U << 9, all = 0x7FFFU;
 }
 
 // A message in its four words.

@@ -65,13 +65,22 @@ class ZynqmpCan {
   [[nodiscard]] bool try_receive(CanFrame& f) {
     pump();
     using namespace zynqmp_can;
-    if (!opened_ || (a_.read(isr) & event::rxnemp) == 0) return false;
+    if (!opened_) return false;
+    const Word events = a_.read(isr);
+    if ((events & event::rxoflw) != 0) {
+      a_.write(icr, event::rxoflw);
+      ++overruns_;
+    }
+    if ((events & event::rxnemp) == 0) return false;
     const Word id = a_.read(rx_fifo), length = a_.read(rx_fifo + 4);  // all four, in this order
     const Word first = a_.read(rx_fifo + 8), second = a_.read(rx_fifo + 12);
     a_.write(icr, event::rxnemp);  // set again at once while there are more
     decode(id, length, first, second, f);
     return true;
   }
+
+  /// Number of times that received frames were lost unread.
+  [[nodiscard]] std::uint32_t overruns() const { return overruns_; }
 
  private:
   using Word = zynqmp_can::Word;
@@ -150,6 +159,7 @@ class ZynqmpCan {
 
   Access a_;
   bool opened_ = false, sending_ = false;
+  std::uint32_t overruns_ = 0;
   WaitingFrames waiting_{};
 };
 

@@ -63,7 +63,7 @@ TYPED_TEST(ZynqmpCan, TheMostUrgentGoesFirstAndFullIsSaid) {
   EXPECT_FALSE(this->model.take());
 }
 
-TYPED_TEST(ZynqmpCan, AFullFifoKeepsTheOldest) {
+TYPED_TEST(ZynqmpCan, AFullFifoKeepsTheOldestAndCountsWhatItLost) {
   this->open();
   for (int i = 0; i < 64 + 4; ++i) this->model.deliver(wire(0x40, {static_cast<std::uint8_t>(i)}));
   CanFrame f;
@@ -72,8 +72,10 @@ TYPED_TEST(ZynqmpCan, AFullFifoKeepsTheOldest) {
     EXPECT_EQ(f.data[0], i);
   }
   EXPECT_FALSE(this->bus.try_receive(f));
+  EXPECT_EQ(this->bus.overruns(), 1U);
   this->model.deliver(wire(0x41, {7}));
   EXPECT_TRUE(this->bus.try_receive(f));
+  EXPECT_EQ(this->bus.overruns(), 1U);
 }
 
 TYPED_TEST(ZynqmpCan, BusOffIsSaidAndStays) {
