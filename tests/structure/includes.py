@@ -64,7 +64,7 @@ HOST = {
     "integrate": (VALUES, ""),
     "effects": (VALUES, ""),
     "plant": (VALUES, "effects integrate"),
-    "problems": (MODELS, "integrate plant"),
+    "problems": (MODELS, "integrate"),
     "report": (VALUES, "plant"),
     "scene": (VALUES, "effects plant"),
     "bus": (VALUES, "effects report scene"),
