@@ -73,13 +73,13 @@ class Build:
     def unity(self, name):
         """The flags of the unit that includes the file, or a file of its folder, where several are compiled at a time."""
         folder = None
-        for unit in sorted(self.build.glob("host_sim/CMakeFiles/*.dir/Unity/*.cxx")):
+        for unit, flags in sorted(self.units.items()):
             included = re.findall(r'#include "([^"]+)"', unit.read_text(encoding="utf-8"))
             names = [str(Path(i).relative_to(ROOT)) for i in included if Path(i).is_relative_to(ROOT)]
             if name in names:
-                return self.units.get(unit)
+                return flags
             if folder is None and any(Path(n).parent == Path(name).parent for n in names):
-                folder = self.units.get(unit)
+                folder = flags
         return folder
 
     def link(self, objects, out):
