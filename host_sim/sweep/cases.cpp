@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <charconv>
 #include <exception>
-#include <ranges>
 #include <set>
 #include <span>
+#include <sstream>
 #include <utility>
 
 #include "host_sim/error.hpp"
@@ -124,8 +124,8 @@ const toml::node* child(const toml::node* of, const std::string& part) {
 double nominal_number(const toml::table& root, const Vary& v) {
   const toml::node* node = &root;
   bool both = false;
-  for (const auto text : std::views::split(table_key(v.key), '.')) {
-    const std::string part(text.begin(), text.end());
+  std::istringstream key(table_key(v.key));
+  for (std::string part; std::getline(key, part, '.');) {
     if (std::exchange(both, false)) continue;  // the number of a leg that is one for both
     const toml::node* next = child(node, part);
     both = next == nullptr && part == "legs";
