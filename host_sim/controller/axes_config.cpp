@@ -227,7 +227,7 @@ typename C::Config config_of(const Scene& scene, Pacing pacing,
   t.check_version = true;
   t.firmware = d.endpoints->firmware;
   using enum OdriveValue;
-  constexpr double most = std::numeric_limits<float>::max();
+  constexpr auto most = static_cast<double>(std::numeric_limits<float>::max());
   constexpr double slack = 1e-3;  // of numbers that an operator typed
   struct Allowed {
     OdriveValue value;
