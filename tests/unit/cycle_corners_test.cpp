@@ -26,6 +26,29 @@ TEST(CycleCorners, FramesOfOthersAreCountedWithAndWithoutALink) {
   }
 }
 
+TEST(CycleCorners, ASetHasBegunWithItsFirstFrameAndIsCompleteWithItsLast) {
+  Rig<Five> rig;
+  rig.start();
+  EXPECT_FALSE(rig.cycle.set_begun());
+  const auto one = [&](std::size_t axis) {
+    rig.push_heartbeat(axis);
+    rig.push_encoder(axis);
+    rig.cycle.receive(rig.bus);
+  };
+  rig.cycle.receive(rig.bus);
+  EXPECT_FALSE(rig.cycle.set_begun());
+  one(0);
+  EXPECT_TRUE(rig.cycle.set_begun());
+  EXPECT_FALSE(rig.cycle.complete());
+  one(1);
+  EXPECT_TRUE(rig.cycle.complete());
+  EXPECT_FALSE(rig.cycle.all_idle());
+  rig.tick(Command::stop);
+  rig.tick();
+  rig.tick();
+  EXPECT_TRUE(rig.cycle.all_idle());
+}
+
 /// In lockstep a tick without an answer counts the time that has passed, not one tick.
 TEST(CycleCorners, TimeCountsWithoutAnswers) {
   const auto ticks_to_fault = [](std::uint32_t us) {

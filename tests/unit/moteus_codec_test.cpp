@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <utility>
+#include <vector>
 
 #include "firmware/drive/moteus.hpp"
 #include "tests/support/moteus_bytes.hpp"
@@ -17,6 +19,31 @@ using esmc::test::digits_of;
 using esmc::test::fd_frame;
 
 const float nan = std::numeric_limits<float>::quiet_NaN();
+
+TEST(MoteusCodec, UnitsOfTheMappings) {
+  const std::vector<std::pair<std::uint32_t, std::vector<double>>> table = {
+      {reg::position, {0.01, 1e-4, 1e-5}},
+      {reg::position_command, {0.01, 1e-4, 1e-5}},
+      {reg::stop_position, {0.01, 1e-4, 1e-5}},
+      {reg::velocity, {0.1, 2.5e-4, 1e-5}},
+      {reg::velocity_command, {0.1, 2.5e-4, 1e-5}},
+      {reg::velocity_limit, {0.1, 2.5e-4, 1e-5}},
+      {reg::torque, {0.5, 0.01, 0.001}},
+      {reg::feedforward_torque, {0.5, 0.01, 0.001}},
+      {reg::max_torque, {0.5, 0.01, 0.001}},
+      {reg::watchdog_timeout, {0.01, 0.001, 1e-6}},
+      {reg::kp_scale, {1 / 127.0, 1 / 32767.0, 1 / 2147483647.0}},
+      {reg::kd_scale, {1 / 127.0, 1 / 32767.0, 1 / 2147483647.0}},
+      {reg::mode, {1, 1, 1}},
+      {reg::map_version, {1, 1, 1}}};
+  for (const auto& [name, units] : table) {
+    for (int t = 0; t < 3; ++t)
+      EXPECT_FLOAT_EQ(unit(name, static_cast<Type>(t)),
+                      static_cast<float>(units[static_cast<std::size_t>(t)]))
+          << name;
+    EXPECT_EQ(unit(name, Type::f32), 1.0F);
+  }
+}
 
 // What the vendor's own encoder makes of a position command, and of the query behind it.
 TEST(MoteusCodec, BuildsTheVendorsFrame) {

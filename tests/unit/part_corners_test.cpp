@@ -47,6 +47,20 @@ TEST(PartCorners, ADelayIsRoundedAndNoLongerThanTheMemory) {
   }
 }
 
+/// From four motors without a preload, too, the torque rises in equal steps.
+TEST(PartCorners, FourMotorsRampInEqualSteps) {
+  auto s = setup<Five>();
+  s.controller.motors = Motors::all;
+  s.controller.sensors = Sensors::all;
+  s.controller.ramp_ticks = 10;
+  Rig<Five> rig(s);
+  ASSERT_TRUE(rig.start());
+  const Vec<double, 4> second = rig.tick().torque, third = rig.tick().torque, fourth = rig.tick().torque;
+  EXPECT_GT((third - second).norm(), 1e-3);
+  // The reference moves on by a thousandth of its radius in these ticks, and the rig stands still.
+  EXPECT_LT((fourth - 2.0 * third + second).norm(), 0.1 * (third - second).norm());
+}
+
 /// Rotors at the elbows add to their own rows, to the law's accelerations or to those of the part behind.
 TEST(PartCorners, ElbowRotorsAddToWhatIsBehindThem) {
   auto s = setup<Five>();
