@@ -70,6 +70,8 @@ class ControllerEnd {
     }
     if (!armed_by_link(scene)) with_cycle([](auto& c) { c.command(Command::enable); });
   }
+  ControllerEnd(const ControllerEnd&) = delete;  // members refer to others
+  ControllerEnd& operator=(const ControllerEnd&) = delete;
 
   [[nodiscard]] const Supervisor& supervisor() const {
     return with_cycle([](const auto& c) -> const Supervisor& { return c.supervisor(); });
