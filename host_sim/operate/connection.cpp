@@ -178,8 +178,11 @@ bool Connection::obeyed(const std::function<hal::CanFrame()>& frame, const std::
 
 void Connection::read_faults() {
   client_.forget_faults();
-  ask([&] { send(client_.request(link::Subject::faults)); }, [&] { return news().readout_over; },
-      "Fault_Record");
+  ask(
+      [&] {
+        if (const auto f = client_.request_faults()) send(*f);
+      },
+      [&] { return news().readout_over; }, "Fault_Record");
 }
 
 }  // namespace esmc::host

@@ -127,18 +127,26 @@ void LinkClient::read_value(const hal::CanFrame& f) {
 
 void LinkClient::read_record(link::Message m, const hal::CanFrame& f) {
   const auto fault = static_cast<Fault>(f.data[0]);
+  const auto count = static_cast<std::uint16_t>(hal::get_field(f, 2, 2));
+  record_tick_ = news_.ticks;
   if (m == Message::fault_detail) {
     if (!news_.faults.empty() && news_.faults.back().fault == fault)
       news_.faults.back().drive_error = hal::get_field(f, 4, 4);
     return;
   }
   if (fault == Fault::none) {
-    news_.readout_over = true;
+    news_.readout_over = news_.faults.size() >= count;  // else frames were lost, or it was another readout
     return;
   }
   std::erase_if(news_.faults, [&](const link::FaultRecord& r) { return r.fault == fault; });
-  news_.faults.push_back(
-      {fault, f.data[1], static_cast<std::uint16_t>(hal::get_field(f, 2, 2)), hal::get_field(f, 4, 4), 0});
+  news_.faults.push_back({fault, f.data[1], count, hal::get_field(f, 4, 4), 0});
+}
+
+std::optional<hal::CanFrame> LinkClient::request_faults() {
+  constexpr std::uint64_t pause = 20;
+  if (record_tick_ && news_.ticks - *record_tick_ < pause) return {};
+  record_tick_ = news_.ticks;
+  return request(link::Subject::faults);
 }
 
 void LinkClient::read_store(const hal::CanFrame& f) {

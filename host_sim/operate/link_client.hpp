@@ -46,7 +46,7 @@ struct ControllerNews {
   std::optional<link::StoreStatus> store;
   std::array<Parameter, parameters_max> parameter;
   std::vector<link::FaultRecord> faults;  ///< of the last readout, or since then
-  bool readout_over = false;
+  bool readout_over = false;              ///< all records have come
   CaptureNews capture;
   std::map<std::uint16_t, link::CapturePart> capture_parts;       ///< by number
   std::uint32_t statuses = 0, counter_frames = 0, telemetry = 0;  ///< frames heard
@@ -90,7 +90,11 @@ class LinkClient {
   void forget_faults() {
     news_.faults.clear();
     news_.readout_over = false;
+    record_tick_.reset();
   }
+  /// The request for a readout: at first, and after 20 ticks of the controller without a record. A request
+  /// makes the controller begin anew, so that one of a low rate would end no readout that is asked for often.
+  std::optional<hal::CanFrame> request_faults();
   /// Forgets the parts of captured ticks, before a readout.
   void forget_capture() { news_.capture_parts.clear(); }
   hal::CanFrame request(link::Subject subject, std::uint8_t index = 0);
@@ -109,6 +113,7 @@ class LinkClient {
   std::uint32_t base_;
   ControllerNews news_;
   std::optional<std::array<float, 2>> effector_;  ///< whose tracking error is still to come
+  std::optional<std::uint64_t> record_tick_;      ///< of the last record or request of this readout
   std::array<std::uint8_t, link::incoming_count> counter_{};
 };
 

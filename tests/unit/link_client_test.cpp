@@ -116,6 +116,41 @@ TEST(LinkClient, HearsWhatTheControllerSays) {
   EXPECT_TRUE(n.parameter[0].writable);
 }
 
+/// A console that asks every 5 ticks, which at 25 Hz is 0.2 s; `drops`: takes a frame of the controller away.
+template <class Drops>
+std::size_t read_out(int ticks, const Drops& drops) {
+  LinkConfig c = link_config();
+  c.telemetry_ticks = 1;
+  LinkBench bench(c);
+  LinkClient client(0x780);
+  bench.supervisor.begin_tick(Command::enable, {});  // faults count once it is not disabled
+  for (const Fault f : {Fault::joint_speed, Fault::feedback_jump, Fault::stale_feedback}) bench.tick({}, f);
+  for (int n = 0; n < 20; ++n) bench.tick();  // they have been announced
+  for (int n = 0; n < ticks; ++n) {
+    for (const auto& f : bench.desk.heard)
+      if (!drops(f)) (void)client.hear(f);
+    bench.desk.heard.clear();
+    if (n == 5) client.forget_faults();
+    const auto asks = n >= 5 && n % 5 == 0 ? client.request_faults() : std::nullopt;
+    bench.tick(asks ? std::vector{*asks} : std::vector<hal::CanFrame>{});
+    if (n > 5 && client.news().readout_over) break;
+  }
+  return client.news().readout_over ? client.news().faults.size() : 0;
+}
+
+TEST(LinkClient, ReadsAllFaultsOfALowRate) {
+  EXPECT_EQ(read_out(60, [](const hal::CanFrame&) { return false; }), 3U);
+}
+
+TEST(LinkClient, AsksAgainForALostRecord) {
+  int records = 0;  // three when they occur, then three of the first readout
+  const auto fifth = [&](const hal::CanFrame& f) {
+    return f.id == 0x791 && f.data[0] != 0 && ++records == 5;
+  };
+  EXPECT_EQ(read_out(150, fifth), 3U);
+  EXPECT_EQ(records, 9);
+}
+
 /// What a console decides by, session and tick, comes from intact Status only: checksum by long division.
 TEST(LinkClient, ForgedFramesChangeNoSession) {
   std::mt19937 draw(7);
