@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/controller/bake.hpp"
@@ -31,7 +32,10 @@ BusObstacle bus_obstacle(const Scene& scene, bool with_accuracy) {
   return {scene.control_where, scene.drives.missing};
 }
 
-double arming_time_max(const Scene& s) { return armed_by_link(s) ? 60.0 : enabling_time_max(s) + 1.0; }
+double arming_time_max(const Scene& s, bool realtime) {
+  if (!armed_by_link(s)) return enabling_time_max(s) + 1.0;
+  return realtime ? std::numeric_limits<double>::infinity() : 60.0;
+}
 
 std::string to_confirm(const Scene& scene) {
   const DriveScene& d = scene.drives;

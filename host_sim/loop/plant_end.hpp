@@ -69,9 +69,10 @@ class PlantEnd {
   }
   /// Throws RunError if the drives are not armed after arming_time_max() of virtual time.
   void require_armed_in_time() const {
-    if (!plant_.released() && plant_.time() > arming_time_max(scene_)) {
-      throw RunError(fmt::format("the drives were not in closed-loop control after {} s of virtual time",
-                                 arming_time_max(scene_)));
+    const double limit = arming_time_max(scene_, options_.realtime);
+    if (!plant_.released() && plant_.time() > limit) {
+      throw RunError(
+          fmt::format("the drives were not in closed-loop control after {} s of virtual time", limit));
     }
   }
   /// Waits until every motor has its torque. False: Ctrl-C. Throws RunError when the controller is silent for

@@ -190,7 +190,7 @@ template <class World, class Over>
 RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostBus>& plant,
                   const Over& over) {
   const auto begin = Clock::now();
-  const Seconds arming(arming_time_max(scene));
+  const Seconds arming(arming_time_max(scene, true));
   auto heard = begin;
   Pace pace(scene.tick() / plant.substeps(), o.again.bus == nullptr);
   std::uint64_t late = 0;
@@ -241,7 +241,7 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
   // Samples that are later than this are the next tick's, one tick old.
   const auto patience =
       std::chrono::duration_cast<std::chrono::microseconds>(Seconds(patience_ticks * scene.tick()));
-  const Seconds arming(arming_time_max(scene));
+  const Seconds arming(arming_time_max(scene, true));
   const auto sample = [&] {
     pace.wait();
     controller.late_by(pace.since());
@@ -257,15 +257,16 @@ std::uint64_t pace_controller(const Scene& scene, const RunOptions& o, Controlle
         !unread.empty())
       fmt::print(stderr, "armed without object 6072, the torque limit was not read back: {}\n", unread);
     if (recorder.ticks() > 0) continue;
+    if (armed_by_link(scene)) continue;
     const bool in_time = Clock::now() - begin <= arming;
-    if (!armed_by_link(scene)) controller.require_armed(sample);
+    controller.require_armed(sample);
     if (in_time) continue;
-    const std::string why =
-        armed_by_link(scene) ? "no supervisor computer armed them"
-                             : "plant dead or not started, or not ready: " + controller.reports().unready();
+    const std::string why = controller.reports().unready();
     controller.shut_down(sample);
     throw RunError(
-        fmt::format("the drives were not in closed-loop control after {} s ({})", arming.count(), why));
+        fmt::format("the drives were not in closed-loop control after {} s (plant dead or not started, or "
+                    "not ready: {})",
+                    arming.count(), why));
   }
   const std::uint64_t late = pace.late();
   controller.shut_down(sample);

@@ -99,8 +99,8 @@ void require_confirmed(const Scene& scene);
 Scene read_loop_scene(const RunOptions& o, bool with_accuracy = false);
 /// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);
-/// Time, s (in lockstep: virtual), until the plant's end reports that its drives are not armed: more than
-/// the controller takes to report it, and more again where a supervisor computer arms.
-[[nodiscard]] double arming_time_max(const Scene& scene);
+/// Time, s (in lockstep: virtual), until an end reports that its drives are not armed: for the plant more
+/// than the controller takes to report it. Infinite in real time where a supervisor computer arms.
+[[nodiscard]] double arming_time_max(const Scene& scene, bool realtime);
 
 }  // namespace esmc::host

@@ -38,6 +38,7 @@ SETS = [a for s in ("control.law=esmc", "control.reaching=implicit", "control.la
 FRICTION = ["--set", 'effects=[{type="viscous_friction", coefficient=[0.02, 0.02]}]']
 SETS += FRICTION
 RATE = 100 if WHERE == "slcan" else 25  # Hz; in a user-mode kernel a call may take a quarter of a millisecond
+HOMING_RATE = min(RATE, 50)  # an angle that moves on for more than 4 ticks while a busy machine does not run the loop is a feedback_jump
 SETS += ["--set", f"control.rate_hz={RATE}"]
 SILENCE = 2 * RATE  # ticks: command.timeout
 
@@ -582,7 +583,8 @@ class Homing(Bench):
         effects = ('effects=[{type="viscous_friction", coefficient=[0.02, 0.02]}, '
                    f'{{type="end_stops", lower=[-9.0, {lower}], upper=[{upper}, 9.0]}}]')
         return [*SETS, *[a for v in (effects, 'drives.zero="end_stop"', f"drives.zero_pose=[{stops[0]}, {stops[1]}]", "drives.homing_speed=[0.2, -0.2]",
-                                     "drives.homing_torque=[0.1, 0.1]", *more) for a in ("--set", v)]]
+                                     "drives.homing_torque=[0.1, 0.1]",
+                                     f"control.rate_hz={HOMING_RATE}", *more) for a in ("--set", v)]]
     sets = with_stops(stops)
 
     def homing(self):
@@ -614,7 +616,7 @@ class Homing(Bench):
         console = self.homing()
         console.kill()
         console.wait()
-        Operate.lost(self, SILENCE)
+        Operate.lost(self, 2 * HOMING_RATE)
         self.refused("command_lost", "home")
         self.good("reset")
         self.refused("zero_not_confirmed", "arm")
@@ -623,12 +625,15 @@ class Homing(Bench):
         self.assertIn("homed", self.good("home"))
         status = self.status()
         self.assertEqual((status["state"], status["fault"], status["zero_known"]), ("disabled", "none", True))
-        for joint, stop, way in zip(status["joints"], self.stops, (1, -1)):  # it has left them by 0.05 and what 25 Hz need to stop
-            self.assertAlmostEqual((stop - joint["angle"]) * way, 0.1, delta=0.05)
+        self.left_stops(status)
         self.assertAt(self.good("goto", "0.05", "0.18"), (0.05, 0.18))
         self.assertIn("homed", self.good("home"))  # again, from elsewhere
-        for joint, was in zip(self.status()["joints"], status["joints"]):
-            self.assertAlmostEqual(joint["angle"], was["angle"], delta=0.05)
+        self.left_stops(self.status())
+
+    def left_stops(self, status):
+        """By the back-off, 0.05 rad, and what a loop of 50 or 25 Hz needs to stop."""
+        for joint, stop, way in zip(status["joints"], self.stops, (1, -1)):
+            self.assertAlmostEqual((stop - joint["angle"]) * way, 0.125, delta=0.075)
 
 
 class HomingArm(Homing):
@@ -703,11 +708,11 @@ def cases(suite):
     return [suite.id()] if isinstance(suite, unittest.TestCase) else [name for part in suite for name in cases(part)]
 
 
-def three_at_a_time(arguments):
+def two_at_a_time(arguments):
     """Every case in a process and on a bus of its own: they mostly wait."""
     every = cases(unittest.defaultTestLoader.loadTestsFromModule(sys.modules["__main__"]))
     names = drawn([n.removeprefix("__main__.") for n in every], SAMPLE)
-    with ThreadPoolExecutor(3) as pool:
+    with ThreadPoolExecutor(2) as pool:
         ended = list(pool.map(lambda name: subprocess.run([sys.executable, __file__, *arguments, name], text=True, stdout=subprocess.PIPE,
                                                           stderr=subprocess.STDOUT, check=False), names))
     failed = [name for name, done in zip(names, ended) if done.returncode]
@@ -718,5 +723,5 @@ def three_at_a_time(arguments):
 
 if __name__ == "__main__":
     if WHERE == "slcan" and len(sys.argv) == 1 and not BOARD:
-        sys.exit(three_at_a_time([ESMC, SCENE, WHERE]))
+        sys.exit(two_at_a_time([ESMC, SCENE, WHERE]))
     unittest.main(verbosity=2)

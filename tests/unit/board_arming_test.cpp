@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "hal/fdcan/fdcan.hpp"
 #include "host_sim/controller/axes_config.hpp"
 #include "host_sim/drives/placed_axes.hpp"
+#include "host_sim/loop/run.hpp"
 #include "host_sim/scene/scene.hpp"
 #include "tests/support/board_double.hpp"
 #include "tests/support/fdcan_model.hpp"
@@ -202,6 +204,14 @@ void for_each_kind(const Test& test) {
         break;
     }
   }
+}
+
+/// The commands of the host; an operator may take longer than a minute, and a mechanism to home.
+TEST(BoardArming, InRealTimeAConsoleHasNoLimitOfTime) {
+  const auto by_link = scene_of({"command.arm=\"link\"", "command.speed=0.5", "command.acceleration=5.0"});
+  EXPECT_TRUE(std::isinf(host::arming_time_max(by_link, true)));
+  EXPECT_EQ(host::arming_time_max(by_link, false), 60.0);
+  EXPECT_LT(host::arming_time_max(scene_of({}), true), 60.0);
 }
 
 TEST(BoardArming, DrivesThatHavePowerAreArmed) {
