@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Verdicts before and after a run: what `esmc check` says of a scene against what the scene does in `esmc sim`, and the words of a run.
-usage: verdict_test.py ESMC [unittest args]"""
+usage: verdict_test.py ESMC [--sample COUNT] [unittest args]"""
 import json
 import math
 import os
 import re
 from pathlib import Path
 
-from command import ARM, CIRCLE, DOCS, ROBUST, SCENES, Case, esmc, main, read_table, sets
+from command import ARM, CIRCLE, DOCS, ROBUST, SAMPLE, SCENES, Case, esmc, main, read_table, sample, sets
 
 
 class Verdicts(Case):
@@ -334,4 +334,4 @@ class Verdicts(Case):
 
 
 if __name__ == "__main__":
-    main()
+    main(testLoader=sample.SampledLoader(SAMPLE))
