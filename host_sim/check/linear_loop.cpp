@@ -1,9 +1,34 @@
 #include "host_sim/check/linear_loop.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace esmc::host {
+namespace {
+
+/// Scales states by powers of two until each one's row is about as long as its column (Parlett and Reinsch),
+/// which leaves the eigenvalues. In SI units the speeds of a small mechanism are 1e13 times its torques, and
+/// the zeros of a delay line would otherwise appear at a root of what rounding is beside that.
+void balance(Eigen::MatrixXcd& m) {
+  constexpr int sweeps_most = 100;
+  bool scaled = true;
+  for (int sweep = 0; scaled && sweep < sweeps_most; ++sweep) {
+    scaled = false;
+    for (Eigen::Index i = 0; i < m.rows(); ++i) {
+      const double own = std::abs(m(i, i)), column = m.col(i).cwiseAbs().sum() - own,
+                   row = m.row(i).cwiseAbs().sum() - own;
+      if (!(column > 0.0) || !(row > 0.0)) continue;
+      const double by = std::exp2(std::round(0.5 * std::log2(row / column)));
+      if (!(column * by + row / by < 0.95 * (column + row))) continue;
+      m.col(i) *= by;
+      m.row(i) /= by;
+      scaled = true;
+    }
+  }
+}
+
+}  // namespace
 
 StateSpace series(const StateSpace& a, const StateSpace& b) {
   const Eigen::Index n = a.A.rows(), m = b.A.rows();
@@ -89,7 +114,9 @@ StateSpace reduced(const StateSpace& s) {
 }
 
 std::complex<double> leading(const Eigen::MatrixXcd& m) {
-  const Eigen::VectorXcd all = m.eigenvalues();
+  Eigen::MatrixXcd alike = m;
+  balance(alike);
+  const Eigen::VectorXcd all = alike.eigenvalues();
   Eigen::Index at = 0;
   all.cwiseAbs().maxCoeff(&at);
   return all[at];

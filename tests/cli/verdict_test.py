@@ -150,6 +150,20 @@ class Verdicts(Case):
         late = [self.margins("control.law=ctc", "control.lambda=40", f'effects=[{{type="compute_delay", time={t}}}]')["worst"]["delay_margin_s"] for t in (1e-4, 3.7e-3)]
         self.assertAlmostEqual(late[0] - late[1], 3.6e-3, delta=2e-5)  # a delay takes from the margin what it is
 
+    def test_a_mechanism_a_hundred_times_smaller_has_the_same_margins(self):
+        """Lengths by a, masses by a^3 and times by the root of a leave all ratios: in SI units its torques are 1e-8 times as large beside its accelerations."""
+        def scaled(a):
+            t, torque = math.sqrt(a), a**4
+            return self.margins(
+                f"mechanism.half_base={0.05 * a}", f"mechanism.leg={{l1={0.12 * a},l2={0.16 * a},lg1={0.06 * a},lg2={0.068 * a},m1={0.1 * a**3},m2={0.1 * a**3},J1={2e-4 * a**5},J2={7e-4 * a**5}}}",
+                "control.law=ctc", f"control.lambda={30 / t}", f"control.rate_hz={1000 / t}", f"control.torque_limit={2 * torque}",
+                f'reference={{type="hold",position=[{0.05 * a},{0.17 * a}]}}',
+                f'effects=[{{type="joint_flexibility",stiffness={100 * torque},damping={0.02 * torque * t},rotor_inertia={1e-3 * a**5}}},{{type="compute_delay",time={2.1e-3 * t}}}]')["worst"]
+        usual, small = scaled(1.0), scaled(0.01)
+        self.assertTrue(usual["stable"] and small["stable"])
+        for key, by in (("gain_margin", 1), ("gain_margin_low", 1), ("phase_margin_deg", 1), ("delay_margin_s", 0.1), ("frequency_hz", 10)):
+            self.assertAlmostEqual(small[key] / usual[key], by, delta=1e-3 * by, msg=key)
+
     def test_believed_dry_friction_leaves_the_margins(self):
         dry = self.margins("control.law=ctc", 'effects=[{type="coulomb_friction", torque=[0.1, 0.02]}]', "control.model.friction=exact")
         self.assertEqual(dry["worst"], self.margins("control.law=ctc")["worst"])
