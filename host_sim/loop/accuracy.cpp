@@ -207,11 +207,13 @@ class Search {
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
   [[nodiscard]] bool stalled() const { return std::isfinite(before_) && !(judged() < 0.3 * before_); }
 
-  /// A start that is off by 1e-10 must not change the result by a tenth of what is asked.
+  /// A start that is off by 1e-10, or less where that would be much beside what is asked, must not change the
+  /// result by a tenth of what is asked: the start is a row of the trajectory.
   void refuse_if_ill_posed() {
     if (!last_ || nudged_) return;
     Scene other = *latest_;
-    other.start_angle[0] += nudge;
+    const double off = std::min(nudge, 0.01 * asked_);
+    other.start_angle[0] += off;
     Deviation d;
     try {
       d = deviation(last_->rows, run(other, false).rows, width_);
@@ -222,7 +224,7 @@ class Search {
       throw RunError(fmt::format(
           "accuracy = {}: ill_posed: the scene itself does not decide its result that far: {:g} rad on "
           "the start moves it by {:.2g}",
-          asked_, nudge, change));
+          asked_, off, change));
     }
     nudged_ = true;
   }

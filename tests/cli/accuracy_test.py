@@ -88,6 +88,13 @@ class Accuracy(Case):
         self.fails("five_bar_circle.toml", 'reference={type="hold",position=[0.02,0.2]}', "initial.position=[0.02,0.2]", 'effects=[{type="delay",ticks=2}]',
                      "simulation.accuracy=1e-6", word="ill_posed")
 
+    def test_a_start_that_is_off_is_less_than_what_is_asked(self):
+        # A loop that forgets its start decides its trajectory, of which the start is a row.
+        for asked in ("1e-9", "1e-11"):
+            run = self.run_sim("rr_line.toml", "control.law=ctc", "control.rate_hz=100", "simulation.duration=0.1", "simulation.accuracy_of=trajectory",
+                               f"simulation.accuracy={asked}")
+            self.assertLessEqual(run["accuracy"]["estimated"], float(asked))
+
     def test_a_bus_carries_single_precision(self):
         run = self.run_sim("five_bar_circle.toml", "simulation.duration=0.2", "simulation.accuracy=1e-6", command="hil")
         self.assertLessEqual(run["accuracy"]["estimated"], 1e-6)
