@@ -180,11 +180,13 @@ void judge_odrive(const Scene& scene, Findings& f) {
 Judgement judge(const Scene& scene, Log& log) {
   Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
   judge_motion(scene, start_margins(scene), v.margins, v.findings);
-  judge_bus(scene, v.bus, v.findings);
-  judge_heartbeats(scene, v.findings);
+  if (scene.closed_loop()) {  // else it runs in sim alone, which has no bus
+    judge_bus(scene, v.bus, v.findings);
+    judge_heartbeats(scene, v.findings);
+    judge_odrive(scene, v.findings);
+  }
   judge_unattended(scene, v.findings);
   judge_homing(scene, v.findings);
-  judge_odrive(scene, v.findings);
   judge_units(scene, v.findings);
   if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
     v.parts = probe_scene(scene, v.margins);
@@ -291,8 +293,9 @@ std::string refusal_of(const Scene& scene, bool on_bus) {
   Log log(nullptr, {}, 0);
   const Findings f = judge(scene, log).findings;
   for (const Finding& one : f.list()) {
-    const bool used_up = one.code == Code::torque_exceeded || one.code == Code::gain_margin;
-    if (one.level == Level::error || (on_bus && used_up)) return one.text;
+    const bool used_up = one.code == Code::torque_exceeded || one.code == Code::gain_margin,
+               of_bus = one.code == Code::bus_load || one.code == Code::identifier_clash;
+    if (on_bus ? used_up || one.level == Level::error : one.level == Level::error && !of_bus) return one.text;
   }
   return on_bus ? bus_obstacle(scene).what : "";
 }

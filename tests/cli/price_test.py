@@ -146,6 +146,9 @@ class Prices(Case):
         # 5 % of the torque limit of 2 N m
         self.assertIn("0.1", next(e["parameters"] for e in j["effects"] if e["name"] == "coulomb_friction"))
 
+    def test_a_bus_that_cannot_carry_the_loop_has_no_part_in_it(self):
+        prices(CIRCLE, *SHORT, "--of", "rms_m", "--set", "control.rate_hz=2000")  # twice what 1 Mbit/s carries
+
     def test_each_digit_has_one_integrator_which_keeps_it(self):
         j = prices(CIRCLE, *SHORT)
         for digit in (1e-3, 1e-6, 1e-9):

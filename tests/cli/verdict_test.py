@@ -116,6 +116,10 @@ class Verdicts(Case):
         self.judged([*slow, "control.kd=0.05"], "error", "loop_rings", "torque_exceeded")
         self.assertEqual([f["code"] for f in self.check(CIRCLE, *slow, "control.kd=0.3")["findings"] if f["level"] == "error"], [])
 
+    def test_without_a_controller_there_is_no_bus_to_judge(self):
+        found = self.found(CIRCLE, "control.law=none", "control.rate_hz=2000", "drives.nodes=[0,1]", "drives.heartbeat_timeout=1")
+        self.assertEqual({where for _, _, where in found if where.startswith(("bus", "drives", "control.rate_hz"))}, set())
+
     def test_margins_at_the_edges(self):
         self.assertEqual(len(self.margins("reference.join=3", "simulation.duration=1")["poses"]), 1)  # no pose after the join
         late = esmc("margins", CIRCLE, *sets('effects=[{type="delay", ticks=51}]'))
