@@ -78,9 +78,11 @@ Matrix columns_of(const Defect& d, const Equations& e, const IdentifyProblem& p,
     }
     case DefectKind::spring: {  // between the encoder and the joint, turned by the torque that acts
       const auto ago = static_cast<std::size_t>(std::max(0L, std::lround(at.delay_ticks)));
-      return turned([&](std::size_t n, double) {
-        return n < ago ? 0.0 : -p.torque[n - ago][static_cast<std::size_t>(d.joint)];
-      });
+      const auto acts = [&](std::size_t n) { return p.torque[n][static_cast<std::size_t>(d.joint)]; };
+      double most = 0.0;  // N m: 1e-8 or 1e5, as the mechanism is
+      for (std::size_t n = 0; n < p.torque.size(); ++n) most = std::max(most, std::abs(acts(n)));
+      if (most == 0.0) return Vector::Zero(e.W.rows());
+      return most * turned([&](std::size_t n, double) { return n < ago ? 0.0 : -acts(n - ago) / most; });
     }
   }
   return {};

@@ -168,6 +168,22 @@ def arm(bench):
     bench.bad("no column theta11_meas", out, "--scene", NOMINAL)
 
 
+def large(bench):
+    """A mechanism of bars ten times as long, of 1e4 N m: lengths by a, masses by a^3 and times by the root of a. Nothing that is tried on its log may leave its reach."""
+    a = 10.0
+    t, torque = math.sqrt(a), a**4
+    leg = {k: v * {"l": a, "m": a**3, "J": a**5}[k[0]] for k, v in ONE.items()}
+    friction = effects([x * torque * t for x in (0.01, 0.002)], [x * torque for x in (0.02, 0.004)])
+    out, _ = bench.record("large", "sim", NOMINAL, *sets(f"mechanism.half_base={0.05 * a}", f"mechanism.leg={leg_text(leg)}", f"control.lambda={30 / t}",
+                          f"control.gain={{position=40.0, angle={40 / a}}}", f"control.rate_hz={1000 / t}", f"control.torque_limit={2 * torque}",
+                          f"reference.omega=[{9.1 / t}, {14.3 / t}]", f"reference.join={0.3 * t}", f"simulation.duration={4 * t}", friction))
+    result = bench.good(out, "--window", 0.1 * t)
+    truth = true_values_of(leg, leg) | {"m0": 0.0}
+    for p in (p for p in (result["parameters"] if result else []) if p["inertial"]):
+        value = sum(share * truth[k] for k, share in p["share"].items())
+        expect(p["lower"] <= value <= p["upper"], f"large: {p['name']}: {p['lower']} to {p['upper']}, true {value}")
+
+
 def hostile(bench):
     scene = NOMINAL
     out, _ = bench.record("plain", "sim", scene)
@@ -339,4 +355,4 @@ def misfits(bench):
 
 
 if __name__ == "__main__":
-    main(lambda folder: LogBench("identify", folder), five_bar, snippet, payload, arm, designed, written, belief, misfits, hostile)
+    main(lambda folder: LogBench("identify", folder), five_bar, snippet, payload, arm, designed, written, belief, misfits, large, hostile)
