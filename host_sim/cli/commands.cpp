@@ -22,6 +22,7 @@
 #include "host_sim/operate/operate.hpp"
 #include "host_sim/record/compare.hpp"
 #include "host_sim/record/output.hpp"
+#include "host_sim/scene/edit.hpp"
 #include "host_sim/scene/key.hpp"
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/scene.hpp"
@@ -106,6 +107,7 @@ int run_eval(const EvalOptions& o) {
 
 int run_export(const ExportOptions& o) {
   const Scene scene = read_scene(o.run.scene, o.run.sets);
+  refuse_overwrite("--out", o.run.out, files_of(scene));
   print_or_write(o.format == "urdf" ? urdf(scene) : mjcf(scene), o.run.out);
   return 0;
 }
@@ -184,6 +186,7 @@ void require_budget(const Scene& scene, const BakeOptions& o) {
 /// Refuses a scene that `esmc check` refuses, that a bus cannot run, or that exceeds the budget of the board.
 int run_bake(const BakeOptions& o) {
   Scene scene = read_loop_scene(o.run);
+  refuse_overwrite("--out", o.run.out, files_of(scene));
   scene.hardware = o.run.realtime;
   const bool observes = o.run.realtime && armed_by_link(scene) && !scene.drives.confirmed.value_or(false);
   if (!observes) require_confirmed(scene);

@@ -267,6 +267,28 @@ class Hostile(Case):
         for command in (("check", CIRCLE), ("sim", CIRCLE, *short), ("check", CIRCLE), ("sim", ARM, *short)):
             self.assertEqual(esmc(*command, "--out", out).returncode, 0, command)
 
+    def test_no_output_replaces_an_input(self):
+        short = sets("simulation.duration=0.01")
+        scene, path, model = self.tmp / "s.toml", self.tmp / "p.csv", self.tmp / "m.toml"
+        self.reference('"p.csv"', "t,x,y\n0,0,0.2\n0.02,0.001,0.2\n0.05,0.002,0.201\n")
+        model.write_bytes(CIRCLE.read_bytes())
+        belief = sets("control.model.mechanism=m.toml")
+        for kept in (scene, path, model):
+            before = kept.read_bytes()
+            for args in (["bake", scene, *belief, "--out", kept], ["export", scene, *belief, "--format", "urdf", "--out", kept],
+                         ["sim", scene, *belief, *short, "--mcap", kept], ["hil", scene, *belief, *short, "--mcap", kept],
+                         ["live", scene, *belief, "--duration", 0.1, "--mcap", kept], ["accuracy", scene, *belief, *short, "--write", kept]):
+                self.refused(esmc(*args), args[-2], f"{kept} is an input of this command")
+                self.assertEqual(kept.read_bytes(), before)
+        runs = [self.tmp / n for n in "ab"]
+        for run in runs:
+            self.assertEqual(esmc("sim", CIRCLE, "--out", run, *short).returncode, 0)
+        for run in runs:
+            before = {p.name: p.read_bytes() for p in run.iterdir()}
+            for args in (["compare", *runs], ["campaign", run / "scene.toml", "--episodes", 1], ["campaign", run / "scene.toml", "--replay", 1]):
+                self.refused(esmc(*args, "--out", run), "scene.toml, which is read; take another directory")
+                self.assertEqual({p.name: p.read_bytes() for p in run.iterdir()}, before)
+
     def test_a_target_that_turns_bad_during_the_run(self):
         out = self.tmp / "o"
         self.assertEqual(esmc("sim", CIRCLE, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)
