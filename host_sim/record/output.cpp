@@ -195,14 +195,16 @@ void print_or_write(const std::string& text, const std::string& file) {
     return;
   }
   const fs::path to(file), part(file + ".part-" + std::to_string(::getpid()));
+  std::error_code error;
   for (const auto& p : {to, part}) {
-    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
+    const fs::file_status there = symlink_status(p, error);
+    if (exists(there) && !is_regular_file(there))
       throw InputError("", p.string() + ": exists and is not a regular file");
   }
   std::ofstream out(part, std::ios::binary);
   out << text;
   out.close();
-  std::error_code error;
+  error.clear();
   if (out) fs::rename(part, to, error);
   if (!out || error) {
     fs::remove(part, error);

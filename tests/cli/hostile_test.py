@@ -364,6 +364,26 @@ class Hostile(Case):
         self.assertIn("a joint at its end_stops swings", self.findings(stops % ", stiffness=1e4")[1])
         self.assertNotIn("swings", self.findings(stops % "")[1])
 
+    def test_what_is_no_file_to_read(self):
+        loop, pipe = self.tmp / "loop.toml", self.tmp / "pipe.toml"
+        loop.symlink_to(loop)
+        os.mkfifo(pipe)
+        for scene, words in ((loop, "cannot be read: Too many levels of symbolic links"), (pipe, "is not a regular file"), (self.tmp / ("a" * 300), "cannot be read: File name too long"),
+                             (self.tmp, "is a directory"), (self.tmp / "none.toml", "no such scene file")):
+            for args in (["sim", scene], ["check", scene], ["bake", scene], ["export", scene, "--format", "mjcf"], ["campaign", scene], ["accuracy", scene], ["spatial", scene]):
+                self.refused(esmc(*args), f"esmc: {scene}: {words}")
+            value = f'control.model.mechanism="{scene}"'
+            self.refused(esmc("sim", CIRCLE, *sets(value)), f"--set {value}: 'control.model.mechanism' must name a scene file", words)
+        self.refused(esmc("sweep", loop), f"{loop}: cannot be read")
+        self.refused(esmc("compare", loop, self.tmp), "cannot be read: Too many levels")
+
+    def test_files_that_cannot_be_written(self):
+        loop = self.tmp / "loop"
+        loop.symlink_to(loop)
+        for file, words in ((loop / "x", "cannot be written"), (loop, "exists and is not a regular file"), (self.tmp / ("a" * 300), "cannot be written"), (self.tmp / "no/x", "cannot be written")):
+            for args in (["bake", CIRCLE], ["export", CIRCLE, "--format", "urdf"]):
+                self.refused(esmc(*args, "--out", file), f"{file}: {words}")
+
     # eval
 
     def test_eval_cases(self):
