@@ -219,6 +219,10 @@ toml::table parse_override(const std::string& set) {
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
+    if (set.find('[') < equals)
+      refuse(
+          "{}: an entry is named by its number from 1 or by its type: effects.1.bits, effects.encoder.bits",
+          label);
     // A bare word is taken for a string: --set control.law=smc
     constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
