@@ -26,11 +26,13 @@ namespace {
 
 /// Names of all files that a run may leave.
 constexpr const char* output_names[] = {
-    "scene.toml",      "summary.json", "log.csv",     "log.npy",          "frames.log",
-    "frames.csv",      "report.html",  "check.csv",   reference_copy,     model_copy,
-    endpoints_copy,    "sweep.toml",   "cases.csv",   "timing.json",      "timing.csv",
-    "comparison.json", "check.json",   "design.json", "calibration.json", "identification.json",
-    "margins.json",    "plan.json",    "path.csv",    "capture.csv"};
+    "scene.toml",      "summary.json", "log.csv",      "log.npy",           "frames.log",
+    "frames.csv",      "report.html",  "check.csv",    reference_copy,      model_copy,
+    endpoints_copy,    "sweep.toml",   "cases.csv",    "timing.json",       "timing.csv",
+    "comparison.json", "check.json",   "design.json",  "calibration.json",  "identification.json",
+    "margins.json",    "plan.json",    "path.csv",     "capture.csv",       "campaign.json",
+    "campaign.md",     "episode.json", "episode.txt",  "accuracy.json",     "accuracy.md",
+    "effects.csv",     "orders.csv",   "tracking.csv", "work_precision.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 
@@ -76,9 +78,10 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
   // A directory of an earlier run has one of these.
-  constexpr const char* signs[] = {
-      "summary.json", "check.csv",        "campaign.json",       "accuracy.json", "comparison.json",
-      "design.json",  "calibration.json", "identification.json", "margins.json",  "plan.json"};
+  constexpr const char* signs[] = {"summary.json",     "check.csv",           "campaign.json",
+                                   "accuracy.json",    "comparison.json",     "design.json",
+                                   "calibration.json", "identification.json", "margins.json",
+                                   "plan.json",        "episode.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
     for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {

@@ -255,6 +255,14 @@ class Hostile(Case):
             if name in before:
                 (out / name).write_bytes(before[name])
 
+    def test_a_study_may_be_made_again_and_leaves_nothing_beside_a_run(self):
+        out = self.tmp / "o"
+        for args in (["campaign", "--replay", 1], ["campaign", "--replay", 1], ["campaign", "--episodes", 1], ["accuracy", ARM, *sets("simulation.duration=0.02")]):
+            self.assertEqual(esmc(*args, "--out", out).returncode, 0, args)
+        self.assertEqual(sorted(p.name for p in out.iterdir()), ["accuracy.json", "report.html"])
+        self.assertEqual(esmc("sim", CIRCLE, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)
+        self.assertEqual(sorted(p.name for p in out.iterdir()), ["log.csv", "report.html", "scene.toml", "summary.json"])
+
     def test_files_of_others_stay(self):
         short = sets("simulation.duration=0.01")
         for name in ("scene.toml", "log.csv", "cases.csv"):
