@@ -2,7 +2,6 @@
 /// Options that several subcommands have, and subcommands themselves.
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -46,7 +45,7 @@ std::pair<CLI::App&, Options&> add(Program& p, const char* name, const char* des
     for (const int signal : {SIGINT, SIGTERM}) {
       std::signal(
           signal, signals == Signals::request_stop ? +[](int) { stop_requested() = true; }
-                                                   : +[](int) { ::_exit(exit_interrupted); });
+                                                   : +[](int) { std::quick_exit(exit_interrupted); });
     }
     p.status = run(*o);
   });

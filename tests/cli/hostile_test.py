@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Files, numbers and surroundings that mean no good: each is refused in one line, or the run says how it failed.
 usage: hostile_test.py ESMC [unittest args]"""
+import fcntl
 import json
 import os
 import signal
@@ -263,6 +264,22 @@ class Hostile(Case):
         self.assertEqual(esmc("sim", CIRCLE, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)
         self.assertEqual(sorted(p.name for p in out.iterdir()), ["log.csv", "report.html", "scene.toml", "summary.json"])
 
+    def test_two_runs_into_one_folder_do_not_mix(self):
+        out = self.tmp / "o"
+        short = sets("simulation.duration=0.01")
+        self.assertEqual(esmc("sim", CIRCLE, "--out", out, *short).returncode, 0)
+        before = {p.name: p.read_bytes() for p in out.iterdir()}
+        other = os.open(out, os.O_RDONLY)  # as a run that is moving its files there
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with subprocess.Popen([ESMC, "sim", ARM, "--out", out, *short], stdout=subprocess.DEVNULL) as run:
+            with self.assertRaises(subprocess.TimeoutExpired):
+                run.wait(2)
+            self.assertEqual({p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}, before)
+            os.close(other)
+            self.assertEqual(run.wait(30), 0)
+        self.assertIn("rr-line", (out / "scene.toml").read_text())
+        self.assertEqual(esmc("replay", out).returncode, 0)
+
     def test_files_of_others_stay(self):
         short = sets("simulation.duration=0.01")
         for name in ("scene.toml", "log.csv", "cases.csv"):
@@ -315,6 +332,21 @@ class Hostile(Case):
         (out / "summary.json").rmdir()
         del before["summary.json"]
         self.assertEqual({p.name: p.read_bytes() for p in out.iterdir()}, before)
+
+    def test_a_signal_during_a_study_leaves_nothing(self):
+        run = self.tmp / "run"
+        self.assertEqual(esmc("sim", Path(SCENES, "five_bar_identification.toml"), "--out", run).returncode, 0)
+        out = self.tmp / "a/b"
+        for _ in range(5):
+            with subprocess.Popen([ESMC, "identify", run, "--out", out], stdout=subprocess.DEVNULL) as study:
+                began = time.monotonic() + 30
+                while not list(out.glob(".partial-*")) and study.poll() is None and time.monotonic() < began:
+                    time.sleep(0.002)
+                study.send_signal(signal.SIGINT)
+                if study.wait(30) == 130:
+                    break
+        self.assertEqual(study.returncode, 130)
+        self.assertEqual(list(self.tmp.iterdir()), [run])
 
     def test_folders_made_for_nothing_go_again(self):
         blast = sets("control.law=open_loop", "control.torque=[{offset=1e6}, {offset=-1e6}]")
