@@ -348,6 +348,16 @@ class Hostile(Case):
         self.assertEqual(study.returncode, 130)
         self.assertEqual(list(self.tmp.iterdir()), [run])
 
+    def test_a_signal_ends_a_design(self):
+        scene = Path(SCENES, "five_bar_robust.toml")
+        for args in (["design", scene, "--workspace"], ["sim", scene, *sets('uncertainty.over="workspace"', 'control.gain="robust"')]):
+            with subprocess.Popen([ESMC, *map(str, args), "--out", self.tmp / "o"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as run:
+                time.sleep(1.0)  # of the better part of a minute
+                run.send_signal(signal.SIGINT)
+                _, error = run.communicate(timeout=10)
+            self.assertEqual((run.returncode, error), (130, "esmc: interrupted while gains were designed\n"))
+            self.assertFalse((self.tmp / "o").exists())
+
     def test_folders_made_for_nothing_go_again(self):
         blast = sets("control.law=open_loop", "control.torque=[{offset=1e6}, {offset=-1e6}]")
         for out in ("a", "a/b/c", "a/b/c/", "./a/../a/b"):
