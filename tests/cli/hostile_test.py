@@ -240,6 +240,12 @@ class Hostile(Case):
 
     # --out
 
+    def test_a_name_that_is_empty(self):
+        short = sets("simulation.duration=0.01")
+        for args in (["sim", CIRCLE, *short, "--out"], ["sim", CIRCLE, *short, "--mcap"], ["bake", CIRCLE, "--out"], ["export", CIRCLE, "--format", "urdf", "--out"],
+                     ["identify", self.tmp, "--write"], ["calibrate", self.tmp, "--write"], ["accuracy", ARM, *short, "--write"], ["live", CIRCLE, "--mcap"]):
+            self.refused(esmc(*args, ""), f"{args[-1]}: a name is needed; see esmc {args[0]} --help")
+
     def test_out_changes_everything_or_nothing(self):
         out = self.tmp / "o"
         short = sets("simulation.duration=0.01")
