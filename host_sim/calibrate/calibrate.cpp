@@ -409,7 +409,7 @@ std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
 
 int run_calibrate(const CalibrateOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
-  refuse_overwrite(o.write, {run.log, run.scene_file, o.effector});
+  refuse_overwrite("--write", o.write, {run.log, run.scene_file, o.effector});
   OutputDirectory out(o.out);
   for (const std::string& file : {run.log, run.scene_file, o.effector}) out.spare(file);
   const JointLog read = read_log(run);

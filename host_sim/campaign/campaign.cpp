@@ -209,6 +209,7 @@ int replay(const Campaign& campaign, const CampaignOptions& o) {
   j["bit_equal"] = equal;
   const std::string lines = fmt::format("{}\n", fmt::join(trace, "\n"));
   OutputDirectory out(o.out);
+  out.spare(o.scene);
   if (out.wanted()) {
     out.write("episode.txt", lines);
     out.write("episode.json", document_text(j));
@@ -232,6 +233,7 @@ int run_campaign(const CampaignOptions& o) {
   const Campaign campaign(o);
   if (o.replay) return replay(campaign, o);
   OutputDirectory out(o.out);
+  out.spare(o.scene);
   const CampaignTotals totals = run_all(campaign, o);
   Json j = totals.json();
   j["seed"] = o.seed;

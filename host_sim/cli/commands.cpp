@@ -22,6 +22,7 @@
 #include "host_sim/operate/operate.hpp"
 #include "host_sim/record/compare.hpp"
 #include "host_sim/record/output.hpp"
+#include "host_sim/scene/edit.hpp"
 #include "host_sim/scene/key.hpp"
 #include "host_sim/scene/names.hpp"
 #include "host_sim/scene/scene.hpp"
@@ -47,7 +48,8 @@ SceneCommand add_scene_command(Program& p, const char* name, const char* descrip
 }
 void add_mcap(CLI::App& c, std::string& file) {
   c.add_option("--mcap", file, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(named());
 }
 /// Adds a command that runs a scene and leaves a log.
 SceneCommand add_run(Program& p, const char* name, const char* description, int (*run)(const RunOptions&)) {
@@ -106,6 +108,7 @@ int run_eval(const EvalOptions& o) {
 
 int run_export(const ExportOptions& o) {
   const Scene scene = read_scene(o.run.scene, o.run.sets);
+  refuse_overwrite("--out", o.run.out, files_of(scene));
   print_or_write(o.format == "urdf" ? urdf(scene) : mjcf(scene), o.run.out);
   return 0;
 }
@@ -184,6 +187,7 @@ void require_budget(const Scene& scene, const BakeOptions& o) {
 /// Refuses a scene that `esmc check` refuses, that a bus cannot run, or that exceeds the budget of the board.
 int run_bake(const BakeOptions& o) {
   Scene scene = read_loop_scene(o.run);
+  refuse_overwrite("--out", o.run.out, files_of(scene));
   scene.hardware = o.run.realtime;
   const bool observes = o.run.realtime && armed_by_link(scene) && !scene.drives.confirmed.value_or(false);
   if (!observes) require_confirmed(scene);
@@ -366,7 +370,7 @@ void add_accuracy(Program& p) {
        "named | all: also those that the scene does not name, with plausible parameters")
       ->check(CLI::IsMember({"all", "named"}))
       ->default_str("named");
-  c.add_option("--write", o.write, "file for the cheapest scene")->type_name("FILE");
+  c.add_option("--write", o.write, "file for the cheapest scene")->type_name("FILE")->check(named());
   c.add_flag("--quick", o.quick, "without SCENE: a minute instead of several");
   add_out(c, o.out, "JSON and report.html; without SCENE: CSV and Markdown tables as well");
   add_json(c, o.json, "print the study as one JSON document");
@@ -463,7 +467,9 @@ void add_calibrate(Program& p) {
              "parameters that the log does not determine stay nominal, instead of an error");
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--within", o.within, "relative change of a length beyond which it is another mechanism");
-  c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
+  c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")
+      ->type_name("FILE")
+      ->check(named());
   add_out(c, o.out, "calibration.json, report.html");
   add_json(c, o.json);
 }
@@ -480,7 +486,8 @@ void add_identify(Program& p) {
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--coverage", o.coverage, "half width of the intervals, in standard uncertainties");
   c.add_option("--write", o.write, "scene file to write: its controller believes what was found")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(named());
   add_out(c, o.out, "identification.json, report.html");
   add_json(c, o.json);
 }
@@ -500,7 +507,8 @@ void add_live(Program& p) {
        "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
       ->capture_default_str();
   c.add_option("--mcap", o.run.mcap, "file for all samples as MCAP, for Foxglove and the like")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(named());
   add_json(c, o.run.json, "print the summary as one JSON document, and the URL on stderr");
 }
 

@@ -85,6 +85,7 @@ int run(int argc, char** argv) {
   add_commands(program);
   std::vector<std::string> words(argv + 1, argv + std::max(argc, 1));
   if (!words.empty() && words.front() == "help") {  // esmc help, esmc help sim
+    require_subcommand(app, argc - 1, argv + 1);
     words.erase(words.begin());
     words.resize(std::min<std::size_t>(words.size(), 1));
     words.emplace_back("--help");

@@ -4,6 +4,7 @@
 
 #include "host_sim/controller/numbers.hpp"
 #include "host_sim/error.hpp"
+#include "host_sim/stop.hpp"
 
 namespace esmc::host {
 namespace {
@@ -179,6 +180,9 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
   p.start = start_of(scene, p.controller);
   along_reference(scene, p, reference.join_ticks);
   if (scene.uncertainty->workspace) over_workspace(scene, p);
+  p.between = [] {
+    if (stop_requested()) throw Interrupted("interrupted while gains were designed");
+  };
   p.controller.reference.path = {};  // of `reference`, which ends here; the points hold what is needed
   return p;
 }

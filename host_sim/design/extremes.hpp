@@ -50,12 +50,13 @@ struct Problem {
   FiveBarParams<double> believed;  ///< RR: legs[0] and g
   UncertaintyScene uncertainty;
   std::vector<Point> points;
-  std::size_t joining = 0;  ///< number of the first points that are the way onto the motion
-  bool along_time = true;   ///< `points` are consecutive in time; else places of a workspace
-  Bounds bounds;            ///< of a workspace
-  double told_ticks = 0.0;  ///< delay that the law assumes, of torque and measurements together
-  double lag = 0.0;         ///< s, >= 0: the part of it that is the delay of measurements
-  Motion2<double> start;    ///< of the mechanism, in the reference's own space
+  std::size_t joining = 0;      ///< number of the first points that are the way onto the motion
+  bool along_time = true;       ///< `points` are consecutive in time; else places of a workspace
+  Bounds bounds;                ///< of a workspace
+  double told_ticks = 0.0;      ///< delay that the law assumes, of torque and measurements together
+  double lag = 0.0;             ///< s, >= 0: the part of it that is the delay of measurements
+  Motion2<double> start;        ///< of the mechanism, in the reference's own space
+  void (*between)() = nullptr;  ///< called now and then, where given; may throw, which ends the design
 };
 
 /// Place in the tube: |e| = share_e E in direction angle_e; sigma = e' + lambda e likewise, |sigma| = share_s

@@ -72,6 +72,7 @@ class Search {
     const Place* last = nullptr;
     bool room = true;
     for (const Place& look : looks_) {
+      if (p_.between != nullptr) p_.between();
       const bool moved = last == nullptr || last->point != look.point;
       last = &look;
       if (poses_only && !moved) continue;

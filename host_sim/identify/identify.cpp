@@ -304,7 +304,7 @@ std::string identified_scene(const Identification& r, const RecordedRun& run, co
 
 int run_identify(const IdentifyOptions& o) {
   const RecordedRun run = open_run(o.log, o.scene);
-  refuse_overwrite(o.write, {run.log, run.scene_file});
+  refuse_overwrite("--write", o.write, {run.log, run.scene_file});
   OutputDirectory out(o.out);
   for (const std::string& file : {run.log, run.scene_file}) out.spare(file);
   if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)

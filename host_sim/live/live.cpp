@@ -12,6 +12,7 @@
 #include "host_sim/live/session.hpp"
 #include "host_sim/loop/waiting.hpp"
 #include "host_sim/record/output.hpp"
+#include "host_sim/scene/edit.hpp"
 #include "host_sim/web/server.hpp"
 
 namespace esmc::host {
@@ -109,6 +110,7 @@ int run_live(const LiveOptions& o) {
   const ServerOptions options = page_options(o.port, "live", live_html, live_css, live_js);
   const auto server = open_server(options, api);
   std::optional<RunMcap> mcap;
+  refuse_overwrite("--mcap", o.run.mcap, files_of(*scene));
   if (!o.run.mcap.empty()) api.record_to(&mcap.emplace(o.run.mcap));
   const auto session = here ? make_live_session(scene) : make_live_plant(scene, *bus);
 

@@ -253,7 +253,7 @@ template <class World>
 int simulate(Scene scene, const RunOptions& o) {
   require_reachable<World>(scene, Pacing::lockstep);
   OutputDirectory out = output_of(o);
-  const std::unique_ptr<RunMcap> mcap = mcap_of(o);
+  const std::unique_ptr<RunMcap> mcap = mcap_of(o, scene);
   std::unique_ptr<SimRun<World>> run;
   RunEnd end;
   const auto log = [&](bool recorded) { return recorded ? log_of(o, out, mcap.get()) : LogSink(); };

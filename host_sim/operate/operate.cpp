@@ -15,6 +15,7 @@
 #include "host_sim/operate/line_input.hpp"
 #include "host_sim/operate/status_text.hpp"
 #include "host_sim/record/output.hpp"
+#include "host_sim/scene/edit.hpp"
 
 namespace esmc::host {
 namespace {
@@ -142,6 +143,7 @@ int run_lines(Console& console, Connection& link) {
 
 int operate(Console& console, Connection& link, const Call& call, const OperateOptions& o) {
   std::optional<TelemetryMcap> mcap;
+  if (call.scene) refuse_overwrite("--mcap", o.mcap, files_of(*call.scene));
   if (!o.mcap.empty()) mcap.emplace(link, call.scene ? &*call.scene : nullptr, o.mcap);
   const Words& command = call.command;
   const bool json = o.json;

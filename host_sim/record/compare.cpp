@@ -252,6 +252,7 @@ std::string text(const Json& j) {
 int run_compare(const CompareOptions& o) {
   const Run a(o.a), b(o.b);
   OutputDirectory out(o.out);
+  for (const std::string& run : {o.a, o.b}) out.spare(run + "/scene.toml");
   bool beyond = false;
   Json j = {{"a", o.a}, {"b", o.b}, {"tolerance", o.tolerance}, {"within", true}};
   j["scene"] = scene_differences(a.scene, b.scene);

@@ -9,6 +9,7 @@
 #include "host_sim/record/recording.hpp"
 #include "host_sim/record/run_page.hpp"
 #include "host_sim/record/verdict.hpp"
+#include "host_sim/scene/edit.hpp"
 #include "host_sim/version.hpp"
 
 namespace esmc::host {
@@ -23,9 +24,10 @@ void write_scene(const Scene& scene, const OutputDirectory& out) {
   }
 }
 
-std::unique_ptr<RunMcap> mcap_of(const RunOptions& o) {
+std::unique_ptr<RunMcap> mcap_of(const RunOptions& o, const Scene& scene) {
   if (o.out.empty() && o.capture == nullptr && (o.log.npy || (o.log.every != 1 && o.mcap.empty())))
     throw InputError("", "--log and --log-every are of the log that --out DIR leaves, and there is no --out");
+  refuse_overwrite("--mcap", o.mcap, files_of(scene));
   return o.mcap.empty() ? nullptr : std::make_unique<RunMcap>(o.mcap);
 }
 

@@ -19,8 +19,8 @@ inline OutputDirectory output_of(const RunOptions& o) {
 }
 
 /// The MCAP file of a run, open; null: none is wanted. Throws InputError, also for options of a log that is
-/// not written.
-std::unique_ptr<RunMcap> mcap_of(const RunOptions& o);
+/// not written, or a file that the scene was read from.
+std::unique_ptr<RunMcap> mcap_of(const RunOptions& o, const Scene& scene);
 /// The log of a run, open.
 inline LogSink log_of(const RunOptions& o, const OutputDirectory& out, RunMcap* mcap) {
   return {out.open(o.log.npy ? "log.npy" : "log.csv"), o.log, mcap};
@@ -31,7 +31,7 @@ struct BusRunFiles {
   /// `passages`: frames.csv as well, for the replay of one end.
   BusRunFiles(const RunOptions& o, const Scene& scene, const std::string& interface, bool passages = false)
       : out(output_of(o)),
-        mcap(mcap_of(o)),
+        mcap(mcap_of(o, scene)),
         frames(out.open("frames.log"), interface, static_cast<std::uint32_t>(scene.bitrate), scene.fast_bit(),
                passages ? out.open("frames.csv") : nullptr),
         log(log_of(o, out, mcap.get())) {

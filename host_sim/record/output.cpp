@@ -1,10 +1,13 @@
 #include "host_sim/record/output.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <signal.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
@@ -26,11 +29,13 @@ namespace {
 
 /// Names of all files that a run may leave.
 constexpr const char* output_names[] = {
-    "scene.toml",      "summary.json", "log.csv",     "log.npy",          "frames.log",
-    "frames.csv",      "report.html",  "check.csv",   reference_copy,     model_copy,
-    endpoints_copy,    "sweep.toml",   "cases.csv",   "timing.json",      "timing.csv",
-    "comparison.json", "check.json",   "design.json", "calibration.json", "identification.json",
-    "margins.json",    "plan.json",    "path.csv",    "capture.csv"};
+    "scene.toml",      "summary.json", "log.csv",      "log.npy",           "frames.log",
+    "frames.csv",      "report.html",  "check.csv",    reference_copy,      model_copy,
+    endpoints_copy,    "sweep.toml",   "cases.csv",    "timing.json",       "timing.csv",
+    "comparison.json", "check.json",   "design.json",  "calibration.json",  "identification.json",
+    "margins.json",    "plan.json",    "path.csv",     "capture.csv",       "campaign.json",
+    "campaign.md",     "episode.json", "episode.txt",  "accuracy.json",     "accuracy.md",
+    "effects.csv",     "orders.csv",   "tracking.csv", "work_precision.csv"};
 
 constexpr const char* partial_prefix = ".partial-";
 
@@ -52,12 +57,41 @@ bool abandoned(const fs::path& p) {
   return dead && fs::is_directory(fs::symlink_status(p, error)) && !fs::exists(p / "former", error);
 }
 
+/// Of the OutputDirectory that this process fills, for a signal handler.
+std::atomic<const std::vector<std::string>*> to_remove{nullptr};
+void remove_unfinished() {
+  const std::vector<std::string>* const paths = to_remove.exchange(nullptr);
+  if (paths == nullptr) return;
+  for (const std::string& p : *paths) {
+    if (::unlink(p.c_str()) != 0) (void)::rmdir(p.c_str());  // a folder with files of others stays
+  }
+}
+
+/// While it exists, no other process has one of this directory.
+class DirectoryLock {
+ public:
+  explicit DirectoryLock(const fs::path& directory)
+      : fd_(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {  // NOLINT(*-vararg)
+    while (fd_ >= 0 && ::flock(fd_, LOCK_EX) != 0 && errno == EINTR) {
+    }
+  }
+  DirectoryLock(const DirectoryLock&) = delete;
+  DirectoryLock& operator=(const DirectoryLock&) = delete;
+  ~DirectoryLock() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+
+ private:
+  int fd_;
+};
+
 }  // namespace
 
 OutputDirectory::OutputDirectory(const std::string& directory) {
   if (directory.empty()) return;
   final_ = directory;
   const auto refuse = [&](const std::string& why) {
+    to_remove = nullptr;
     take_back();
     throw InputError("", "--out " + directory + ": " + why);
   };
@@ -76,9 +110,10 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
       refuse(std::string(name) + " is a directory there, a file is to replace it");
   }
   // A directory of an earlier run has one of these.
-  constexpr const char* signs[] = {
-      "summary.json", "check.csv",        "campaign.json",       "accuracy.json", "comparison.json",
-      "design.json",  "calibration.json", "identification.json", "margins.json",  "plan.json"};
+  constexpr const char* signs[] = {"summary.json",     "check.csv",           "campaign.json",
+                                   "accuracy.json",    "comparison.json",     "design.json",
+                                   "calibration.json", "identification.json", "margins.json",
+                                   "plan.json",        "episode.json"};
   if (std::none_of(std::begin(signs), std::end(signs),
                    [&](const char* sign) { return fs::exists(final_ / sign, error); })) {
     for (const fs::directory_entry& e : fs::directory_iterator(final_, error)) {
@@ -93,6 +128,13 @@ OutputDirectory::OutputDirectory(const std::string& directory) {
   }
   const fs::path partial = final_ / (partial_prefix + std::to_string(::getpid()));
   if (!error) fs::remove_all(partial, error);  // of a process of this number that was killed long ago
+  std::vector<std::string> paths;
+  for (const char* name : output_names) paths.push_back(partial / name);
+  paths.push_back(partial);
+  paths.insert(paths.end(), created_.rbegin(), created_.rend());
+  unfinished_ = std::make_unique<const std::vector<std::string>>(std::move(paths));
+  to_remove = unfinished_.get();
+  [[maybe_unused]] static const int registered = std::at_quick_exit(remove_unfinished);
   if (!error) fs::create_directory(partial, error);
   if (error) refuse("cannot be written: " + error.message());
   partial_ = partial;
@@ -105,6 +147,7 @@ void OutputDirectory::take_back() const {
 }
 
 OutputDirectory::~OutputDirectory() {
+  if (to_remove == unfinished_.get()) to_remove = nullptr;
   if (partial_.empty()) return;
   std::error_code ignored;
   fs::remove_all(partial_, ignored);
@@ -142,6 +185,9 @@ void OutputDirectory::write(const std::string& name, const std::string& text) co
 
 void OutputDirectory::commit() {
   if (!wanted()) return;
+  if (to_remove == unfinished_.get()) to_remove = nullptr;
+  // Of two runs into one directory the files must not mix. Where a file system has no locks they may.
+  const DirectoryLock alone(final_);
   std::vector<std::pair<fs::path, fs::path>> done;  // from, to
   try {
     std::vector<std::string> fresh;
@@ -195,14 +241,16 @@ void print_or_write(const std::string& text, const std::string& file) {
     return;
   }
   const fs::path to(file), part(file + ".part-" + std::to_string(::getpid()));
+  std::error_code error;
   for (const auto& p : {to, part}) {
-    if (exists(symlink_status(p)) && !is_regular_file(symlink_status(p)))
+    const fs::file_status there = symlink_status(p, error);
+    if (exists(there) && !is_regular_file(there))
       throw InputError("", p.string() + ": exists and is not a regular file");
   }
   std::ofstream out(part, std::ios::binary);
   out << text;
   out.close();
-  std::error_code error;
+  error.clear();
   if (out) fs::rename(part, to, error);
   if (!out || error) {
     fs::remove(part, error);

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
@@ -43,6 +44,7 @@ class OutputDirectory {
   std::filesystem::path final_, partial_;
   Comparison* against_ = nullptr;
   std::vector<std::filesystem::path> created_;  ///< folders that did not exist, outermost first
+  std::unique_ptr<const std::vector<std::string>> unfinished_;  ///< what std::quick_exit removes, in order
 };
 
 /// A JSON document as commands print and write it: `schema`, the version of its keys, comes first; text that

@@ -68,12 +68,19 @@ std::string edited_scene(toml::table scene, const std::string& file) {
   return text;
 }
 
-void refuse_overwrite(const std::string& file, const std::vector<std::string>& inputs) {
+void refuse_overwrite(const std::string& option, const std::string& file,
+                      const std::vector<std::string>& inputs) {
   for (const std::string& input : inputs) {
     std::error_code error;
     if (!file.empty() && !input.empty() && std::filesystem::equivalent(file, input, error) && !error)
-      refuse("--write: {} is an input of this command", file);
+      refuse("{}: {} is an input of this command", option, file);
   }
+}
+
+std::vector<std::string> files_of(const Scene& scene) {
+  std::vector<std::string> out{scene.file};
+  for (const Companion& c : scene.companions) out.push_back(c.source);
+  return out;
 }
 
 }  // namespace esmc::host

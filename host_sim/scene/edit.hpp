@@ -26,7 +26,10 @@ void set_mechanism(toml::table& mechanism, MechanismType type, const FiveBarPara
 /// The text of `scene`, read from `file`, for another folder: files that it names get absolute paths. Throws
 /// InputError where it cannot be read back as a scene.
 std::string edited_scene(toml::table scene, const std::string& file);
-/// Throws InputError when `file`, which --write names, is one of the inputs.
-void refuse_overwrite(const std::string& file, const std::vector<std::string>& inputs);
+/// Throws InputError when `file`, which `option` names for writing, is one of the inputs.
+void refuse_overwrite(const std::string& option, const std::string& file,
+                      const std::vector<std::string>& inputs);
+/// The files that a scene was read from: its own, and those that it names.
+std::vector<std::string> files_of(const Scene& scene);
 
 }  // namespace esmc::host

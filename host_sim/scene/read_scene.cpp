@@ -65,7 +65,12 @@ FiveBarParams<double> read_belief(Section& s, Scene& scene) {
   const std::string name = *s.optional_text("mechanism");
   const std::filesystem::path path = std::filesystem::path(scene.file).parent_path() / name;
   if (name.find('\0') != std::string::npos) s.fail("mechanism", "must be a file name, without NUL");
-  std::string text = read_text_file(path.string(), "scene file");
+  std::string text;
+  try {
+    text = read_text_file(path.string(), "scene file");
+  } catch (const InputError& e) {
+    s.fail("mechanism", "must name a scene file, relative to this one: {}", e.what());
+  }
   const toml::table table = parse_scene_text(text, path.string(), {});
   Section root(table, path.string(), "", "");
   read_mechanism(root.required_section("mechanism"), other);

@@ -219,6 +219,10 @@ toml::table parse_override(const std::string& set) {
   try {
     return toml::parse(set, label);
   } catch (const toml::parse_error&) {
+    if (set.find('[') < equals)
+      refuse(
+          "{}: an entry is named by its number from 1 or by its type: effects.1.bits, effects.encoder.bits",
+          label);
     // A bare word is taken for a string: --set control.law=smc
     constexpr const char* bare = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._/+-";
     const std::string word = set.substr(equals + 1);
@@ -320,8 +324,13 @@ std::string read_stream(std::istream& in, const std::string& file) {
 }  // namespace
 
 std::string read_text_file(const std::string& file, const std::string& what) {
-  if (std::filesystem::is_directory(file)) refuse("{}: is a directory, a {} is needed", file, what);
-  if (!std::filesystem::is_regular_file(file)) refuse("{}: no such {}", file, what);
+  std::error_code error;
+  const auto type = std::filesystem::status(file, error).type();
+  if (type == std::filesystem::file_type::directory) refuse("{}: is a directory, a {} is needed", file, what);
+  if (type == std::filesystem::file_type::not_found) refuse("{}: no such {}", file, what);
+  if (type == std::filesystem::file_type::none)  // a loop of links, no access
+    refuse("{}: cannot be read: {}", file, error.message());
+  if (type != std::filesystem::file_type::regular) refuse("{}: is not a regular file", file);
   std::ifstream in(file, std::ios::binary);
   if (!in.is_open()) refuse("{}: cannot be read", file);
   return read_stream(in, file);

@@ -16,6 +16,7 @@
 #include "host_sim/error.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/report/study_page.hpp"
+#include "host_sim/scene/edit.hpp"
 #include "host_sim/scene/toml_text.hpp"
 #include "host_sim/studies/studies.hpp"
 
@@ -273,12 +274,10 @@ void show_prices(const PriceList& p, const AccuracyOptions& o, OutputDirectory& 
 
 int run_price_list(const AccuracyOptions& o) {
   OutputDirectory out(o.out);
-  std::error_code none;  // a file that does not exist yet
-  if (std::filesystem::equivalent(o.scene, o.write, none))
-    throw InputError("", "--write " + o.write + ": is the scene itself");
   out.spare(o.scene);
   toml::table table = parse_scene_file(o.scene, o.sets);
   const Scene scene = read_scene(o.scene, o.sets);
+  refuse_overwrite("--write", o.write, files_of(scene));
   refuse_bus_effects(scene, "esmc accuracy has no bus");
   if (const std::string why = refusal_of(scene, false); !why.empty())
     throw InputError("", o.scene + ": esmc check refuses it: " + why);

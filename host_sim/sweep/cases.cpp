@@ -167,9 +167,16 @@ struct CaseScenes::Tables {
 CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
   refuse_overlaps(spec.vary);
   auto tables = std::make_shared<Tables>();
-  const toml::table whole = parse_scene_file(spec.scene, spec.sets);
+  toml::table whole;
+  try {
+    whole = parse_scene_file(spec.scene, spec.sets);
+    // Parsed anew: a copy of a table has lost the lines that errors name.
+    tables->nominal = read_scene_table(parse_scene_file(spec.scene, spec.sets), spec.scene);
+  } catch (const InputError& e) {
+    if (!std::string_view(e.what()).starts_with("--set ")) throw;
+    throw InputError(spec.sets_where, e.what());
+  }
   tables->file = parse_scene_file(spec.scene, {});
-  tables->nominal = read_scene_table(whole, spec.scene);
   tables_ = tables;
   const Scene& nominal = tables->nominal;
   assembly_mode_given_ = whole["mechanism"]["assembly_mode"].is_string();
@@ -210,7 +217,15 @@ void CaseScenes::try_value(std::size_t axis, const SweepValue& x) const {
   try {
     (void)read_with({override_of(v.key, x)});
   } catch (const InputError& e) {
-    throw InputError(v.where, fmt::format("{} = {}: {}", v.key, text_of(x), e.what()));
+    std::string why = e.what();
+    try {  // with the lines of the file, which copies of its table have lost
+      std::vector<std::string> sets = spec_->sets;
+      sets.push_back(override_of(v.key, x));
+      (void)read_scene_table(parse_scene_file(spec_->scene, sets), spec_->scene);
+    } catch (const InputError& again) {
+      why = again.what();
+    }
+    throw InputError(v.where, fmt::format("{} = {}: {}", v.key, text_of(x), why));
   }
 }
 

@@ -96,6 +96,8 @@ bool CaseRunner::run_alone(std::uint64_t index, std::vector<Finished>& out) {
     score[static_cast<std::size_t>(Objective::faulted)] = 1.0;
   } catch (const Diverged&) {
     outcome = outcome_diverged;
+  } catch (const Interrupted&) {
+    return false;
   } catch (const RunError&) {  // simulation.accuracy is not met
     outcome = outcome_inaccurate;
     score[static_cast<std::size_t>(Objective::faulted)] = 1.0;

@@ -151,16 +151,15 @@ void read_axis(Table& t, Sampling method, Vary& v, Axis& axis) {
   axis.steps = steps.value_or(0);
 }
 
-Objective find_objective(const Table& t, const std::string& name) {
+Objective find_objective(const std::string& where, const std::string& name) {
   std::vector<std::string> known(objective_count);
   std::ranges::transform(objectives, known.begin(),
                          [](const ObjectiveText& o) { return std::string(o.name); });
   const auto found = std::ranges::find(known, name);
   if (found != known.end()) return static_cast<Objective>(found - known.begin());
   const std::string close = nearest(name, known);
-  t.fail(fmt::format(
-      "unknown objective '{}'; {}", name,
-      close.empty() ? fmt::format("known: {}", fmt::join(known, ", ")) : "did you mean " + close + "?"));
+  refuse_at(where, "unknown objective '{}'; {}", name,
+            close.empty() ? fmt::format("known: {}", fmt::join(known, ", ")) : "did you mean " + close + "?");
 }
 
 void read_objectives(Table& root, SweepSpec& spec) {
@@ -171,7 +170,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
                    Objective::torque_max_nm, Objective::energy_j,      Objective::faulted};
   } else {
     for (const std::string& name : root.texts("objectives", list->as_array(), allowed)) {
-      const Objective o = find_objective(root, name);
+      const Objective o = find_objective(root.where(list), name);
       if (std::ranges::count(spec.wanted, o) > 0) root.wrong("objectives", "none twice");
       spec.wanted.push_back(o);
     }
@@ -185,7 +184,7 @@ void read_objectives(Table& root, SweepSpec& spec) {
   for (const toml::node& item : *fronts->as_array()) {
     std::vector<std::size_t> front;
     for (const std::string& name : root.texts("pareto", item.as_array(), want)) {
-      const Objective o = find_objective(root, name);
+      const Objective o = find_objective(root.where(fronts), name);
       const auto at = std::find(spec.wanted.begin(), spec.wanted.end(), o);
       if (at == spec.wanted.end() || o == Objective::tick_ns) root.wrong("pareto", want);
       front.push_back(static_cast<std::size_t>(at - spec.wanted.begin()));
@@ -269,9 +268,11 @@ SweepSpec read_sweep(const std::string& file) {
   const auto scene = root.text("scene");
   if (!scene) root.wrong("scene", "the scene file, relative to this one");
   spec.scene = (std::filesystem::path(file).parent_path() / *scene).string();
-  if (const toml::node* sets = root.get("set"))
+  if (const toml::node* sets = root.get("set")) {
     spec.sets = root.texts("set", sets->as_array(),
                            "an array of \"section.key=value\", as --set of esmc sim takes them");
+    spec.sets_where = place(*sets, file);
+  }
   const toml::node* node = root.get("sample");
   if (node == nullptr || node->as_table() == nullptr)
     root.wrong("sample", "a table: method, and count unless that is grid");

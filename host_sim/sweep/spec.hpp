@@ -70,6 +70,7 @@ struct SweepSpec {
   std::string file, text;  ///< the text as read
   std::string scene;       ///< path of the scene file
   std::vector<std::string> sets;
+  std::string sets_where;  ///< for errors
   std::uint64_t seed = 1;
   Design design;
   std::vector<Vary> vary;                        ///< as the axes of the design

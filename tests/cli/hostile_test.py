@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Files, numbers and surroundings that mean no good: each is refused in one line, or the run says how it failed.
 usage: hostile_test.py ESMC [unittest args]"""
+import fcntl
 import json
 import os
 import signal
@@ -239,6 +240,12 @@ class Hostile(Case):
 
     # --out
 
+    def test_a_name_that_is_empty(self):
+        short = sets("simulation.duration=0.01")
+        for args in (["sim", CIRCLE, *short, "--out"], ["sim", CIRCLE, *short, "--mcap"], ["bake", CIRCLE, "--out"], ["export", CIRCLE, "--format", "urdf", "--out"],
+                     ["identify", self.tmp, "--write"], ["calibrate", self.tmp, "--write"], ["accuracy", ARM, *short, "--write"], ["live", CIRCLE, "--mcap"]):
+            self.refused(esmc(*args, ""), f"{args[-1]}: a name is needed; see esmc {args[0]} --help")
+
     def test_out_changes_everything_or_nothing(self):
         out = self.tmp / "o"
         short = sets("simulation.duration=0.01")
@@ -255,6 +262,30 @@ class Hostile(Case):
             if name in before:
                 (out / name).write_bytes(before[name])
 
+    def test_a_study_may_be_made_again_and_leaves_nothing_beside_a_run(self):
+        out = self.tmp / "o"
+        for args in (["campaign", "--replay", 1], ["campaign", "--replay", 1], ["campaign", "--episodes", 1], ["accuracy", ARM, *sets("simulation.duration=0.02")]):
+            self.assertEqual(esmc(*args, "--out", out).returncode, 0, args)
+        self.assertEqual(sorted(p.name for p in out.iterdir()), ["accuracy.json", "report.html"])
+        self.assertEqual(esmc("sim", CIRCLE, "--out", out, *sets("simulation.duration=0.01")).returncode, 0)
+        self.assertEqual(sorted(p.name for p in out.iterdir()), ["log.csv", "report.html", "scene.toml", "summary.json"])
+
+    def test_two_runs_into_one_folder_do_not_mix(self):
+        out = self.tmp / "o"
+        short = sets("simulation.duration=0.01")
+        self.assertEqual(esmc("sim", CIRCLE, "--out", out, *short).returncode, 0)
+        before = {p.name: p.read_bytes() for p in out.iterdir()}
+        other = os.open(out, os.O_RDONLY)  # as a run that is moving its files there
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with subprocess.Popen([ESMC, "sim", ARM, "--out", out, *short], stdout=subprocess.DEVNULL) as run:
+            with self.assertRaises(subprocess.TimeoutExpired):
+                run.wait(2)
+            self.assertEqual({p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}, before)
+            os.close(other)
+            self.assertEqual(run.wait(30), 0)
+        self.assertIn("rr-line", (out / "scene.toml").read_text())
+        self.assertEqual(esmc("replay", out).returncode, 0)
+
     def test_files_of_others_stay(self):
         short = sets("simulation.duration=0.01")
         for name in ("scene.toml", "log.csv", "cases.csv"):
@@ -266,6 +297,28 @@ class Hostile(Case):
         out = self.tmp / "again"
         for command in (("check", CIRCLE), ("sim", CIRCLE, *short), ("check", CIRCLE), ("sim", ARM, *short)):
             self.assertEqual(esmc(*command, "--out", out).returncode, 0, command)
+
+    def test_no_output_replaces_an_input(self):
+        short = sets("simulation.duration=0.01")
+        scene, path, model = self.tmp / "s.toml", self.tmp / "p.csv", self.tmp / "m.toml"
+        self.reference('"p.csv"', "t,x,y\n0,0,0.2\n0.02,0.001,0.2\n0.05,0.002,0.201\n")
+        model.write_bytes(CIRCLE.read_bytes())
+        belief = sets("control.model.mechanism=m.toml")
+        for kept in (scene, path, model):
+            before = kept.read_bytes()
+            for args in (["bake", scene, *belief, "--out", kept], ["export", scene, *belief, "--format", "urdf", "--out", kept],
+                         ["sim", scene, *belief, *short, "--mcap", kept], ["hil", scene, *belief, *short, "--mcap", kept],
+                         ["live", scene, *belief, "--duration", 0.1, "--mcap", kept], ["accuracy", scene, *belief, *short, "--write", kept]):
+                self.refused(esmc(*args), args[-2], f"{kept} is an input of this command")
+                self.assertEqual(kept.read_bytes(), before)
+        runs = [self.tmp / n for n in "ab"]
+        for run in runs:
+            self.assertEqual(esmc("sim", CIRCLE, "--out", run, *short).returncode, 0)
+        for run in runs:
+            before = {p.name: p.read_bytes() for p in run.iterdir()}
+            for args in (["compare", *runs], ["campaign", run / "scene.toml", "--episodes", 1], ["campaign", run / "scene.toml", "--replay", 1]):
+                self.refused(esmc(*args, "--out", run), "scene.toml, which is read; take another directory")
+                self.assertEqual({p.name: p.read_bytes() for p in run.iterdir()}, before)
 
     def test_a_target_that_turns_bad_during_the_run(self):
         out = self.tmp / "o"
@@ -285,6 +338,31 @@ class Hostile(Case):
         (out / "summary.json").rmdir()
         del before["summary.json"]
         self.assertEqual({p.name: p.read_bytes() for p in out.iterdir()}, before)
+
+    def test_a_signal_during_a_study_leaves_nothing(self):
+        run = self.tmp / "run"
+        self.assertEqual(esmc("sim", Path(SCENES, "five_bar_identification.toml"), "--out", run).returncode, 0)
+        out = self.tmp / "a/b"
+        for _ in range(5):
+            with subprocess.Popen([ESMC, "identify", run, "--out", out], stdout=subprocess.DEVNULL) as study:
+                began = time.monotonic() + 30
+                while not list(out.glob(".partial-*")) and study.poll() is None and time.monotonic() < began:
+                    time.sleep(0.002)
+                study.send_signal(signal.SIGINT)
+                if study.wait(30) == 130:
+                    break
+        self.assertEqual(study.returncode, 130)
+        self.assertEqual(list(self.tmp.iterdir()), [run])
+
+    def test_a_signal_ends_a_design(self):
+        scene = Path(SCENES, "five_bar_robust.toml")
+        for args in (["design", scene, "--workspace"], ["sim", scene, *sets('uncertainty.over="workspace"', 'control.gain="robust"')]):
+            with subprocess.Popen([ESMC, *map(str, args), "--out", self.tmp / "o"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as run:
+                time.sleep(1.0)  # of the better part of a minute
+                run.send_signal(signal.SIGINT)
+                _, error = run.communicate(timeout=10)
+            self.assertEqual((run.returncode, error), (130, "esmc: interrupted while gains were designed\n"))
+            self.assertFalse((self.tmp / "o").exists())
 
     def test_folders_made_for_nothing_go_again(self):
         blast = sets("control.law=open_loop", "control.torque=[{offset=1e6}, {offset=-1e6}]")
@@ -341,6 +419,26 @@ class Hostile(Case):
         stops = 'effects=[{type="end_stops", lower=[-3, -3], upper=[3, 3]%s}]'
         self.assertIn("a joint at its end_stops swings", self.findings(stops % ", stiffness=1e4")[1])
         self.assertNotIn("swings", self.findings(stops % "")[1])
+
+    def test_what_is_no_file_to_read(self):
+        loop, pipe = self.tmp / "loop.toml", self.tmp / "pipe.toml"
+        loop.symlink_to(loop)
+        os.mkfifo(pipe)
+        for scene, words in ((loop, "cannot be read: Too many levels of symbolic links"), (pipe, "is not a regular file"), (self.tmp / ("a" * 300), "cannot be read: File name too long"),
+                             (self.tmp, "is a directory"), (self.tmp / "none.toml", "no such scene file")):
+            for args in (["sim", scene], ["check", scene], ["bake", scene], ["export", scene, "--format", "mjcf"], ["campaign", scene], ["accuracy", scene], ["spatial", scene]):
+                self.refused(esmc(*args), f"esmc: {scene}: {words}")
+            value = f'control.model.mechanism="{scene}"'
+            self.refused(esmc("sim", CIRCLE, *sets(value)), f"--set {value}: 'control.model.mechanism' must name a scene file", words)
+        self.refused(esmc("sweep", loop), f"{loop}: cannot be read")
+        self.refused(esmc("compare", loop, self.tmp), "cannot be read: Too many levels")
+
+    def test_files_that_cannot_be_written(self):
+        loop = self.tmp / "loop"
+        loop.symlink_to(loop)
+        for file, words in ((loop / "x", "cannot be written"), (loop, "exists and is not a regular file"), (self.tmp / ("a" * 300), "cannot be written"), (self.tmp / "no/x", "cannot be written")):
+            for args in (["bake", CIRCLE], ["export", CIRCLE, "--format", "urdf"]):
+                self.refused(esmc(*args, "--out", file), f"{file}: {words}")
 
     # eval
 

@@ -170,6 +170,7 @@ class Told(Case):
     def test_arguments(self):
         for args, words in ((["simm", "x"], ["unknown subcommand 'simm'", "did you mean sim?"]),
                             (["bogus", "--help"], ["unknown subcommand 'bogus'"]),
+                            (["help", "bogus"], ["unknown subcommand 'bogus'"]),
                             (["sim", CIRCLE, "--bus", "virtual"], ["sim has no --bus; see esmc sim --help"]),
                             (["check", CIRCLE, "--seed", "2"], ["check has no --seed"]),
                             (["sim", CIRCLE, "more"], ["'more'"])):

@@ -96,6 +96,10 @@ class Scenes(Case):
         self.says(CIRCLE, "control.law=SMC", words=["--set control.law=SMC: 'control.law' must be one of: esmc"])
         self.says(CIRCLE, "name=a b", words=["neither a TOML value nor a bare word"])
 
+    def test_entries_in_brackets_are_told_how_they_are_named(self):
+        for value in ("drives.nodes[1]=4", "drives.nodes[0]=[4]", 'effects[0].type="noise"'):
+            self.says(CIRCLE, value, words=[f"--set {value}: ", "an entry is named by its number from 1 or by its type"])
+
     def test_another_type_or_start_drops_the_keys_of_the_former(self):
         self.runs(CIRCLE, "initial.position=[0, 0.2]", "reference.type=hold")
         self.runs(CIRCLE, "initial.position=[0, 0.2]", 'reference={type="hold"}')

@@ -105,7 +105,15 @@ def bad_specifications(folder):
     refused(folder, change('["settled_rms_m", "torque_activity_nm"]]', '["settled_rms_m"]]'), "two or more")
     refused(folder, change('"torque_activity_nm"]]', '"max_m"]]'), "two or more of the objectives")
     refused(folder, change(str(SCENE), "nowhere.toml"), "nowhere.toml: no such scene file")
-    refused(folder, change("simulation.step=1e-3", "simulation.stp=1"), "stp")
+    refused(folder, change("simulation.step=1e-3", "simulation.stp=1"), line("set =") + ": --set simulation.stp=1: unknown key")
+    refused(folder, change("simulation.step=1e-3", "simulation.step"), line("set =") + ": --set simulation.step: ")
+    refused(folder, change('"settled_rms_m", "torque', '"settled_rms_k", "torque'), line("objectives =") + ": unknown objective")
+    wrong = folder / "wrong.toml"  # errors of the scene file name its lines
+    wrong.write_text(SCENE.read_text(encoding="utf-8").replace("[reference]", "[reference]\nspede = 1.0"), encoding="utf-8")
+    at = wrong.read_text(encoding="utf-8").split("\n").index("spede = 1.0") + 1
+    refused(folder, change(str(SCENE), "wrong.toml"), f"wrong.toml:{at}: unknown key 'reference.spede'")
+    control = SCENE.read_text(encoding="utf-8").split("\n").index("[control]") + 1
+    refused(folder, change('"esmc", "ctc"', '"esmc", "pd"'), f"{SCENE.name}:{control} with --set control.law='pd': ")
     grid = change('method = "latin_hypercube"\ncount = %d' % N, 'method = "grid"').replace("factor = [0.8, 1.2]", "factor = [0.8, 1.2]\nsteps = 90000")
     refused(folder, grid.replace("log = true", "log = true\nsteps = 90000"), "more than 10000000 cases")
     refused(folder, "scene = [", "not valid TOML")
