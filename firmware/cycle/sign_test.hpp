@@ -2,6 +2,7 @@
 /// Each motor in turn gets a small torque, and its joint must move as the model predicts: finds a motor that
 /// turns the wrong way, or whose commands reach another motor than its encoder belongs to.
 
+#include <algorithm>
 #include <cstdint>
 
 #include "firmware/cycle/estimate.hpp"
@@ -17,8 +18,11 @@ template <class M>
 class SignTest {
  public:
   using S = typename M::Scalar;
-  static constexpr S share_max = S(0.05F);         ///< pulse as a share of the torque limit
-  static constexpr std::uint32_t ticks_max = 200;  ///< of one half; longer: the joint cannot be tested
+  static constexpr S share_max = S(0.05F);  ///< pulse as a share of the torque limit
+  /// Limits of one half: what is longer than both cannot be tested. Ticks alone would refuse in a fast loop
+  /// what passes in a slow one.
+  static constexpr std::uint32_t ticks_max = 199;
+  static constexpr S seconds_max = S(0.2F);
   static constexpr int motors = 2;
 
   /// Result of a tick; failed: a motor does not answer as the model predicts.
@@ -68,11 +72,13 @@ class SignTest {
     answer_ *= pulse_ / determinant;  // rad/s2
     const S own = answer_[motor_];
     if (!(own > S(0))) return false;  // every valid model accelerates along the torque; also for a NaN
-    half_ = 1;
-    while (half_ < ticks_max && half_time() * half_time() * own * S(0.5) < move_) ++half_;
+    const S ticks = square_root(S(2) * move_ / own) / sample_time_;
+    if (!(ticks <= S(ticks_max) || ticks * sample_time_ < seconds_max)) return false;
+    half_ = std::max<std::uint32_t>(static_cast<std::uint32_t>(ticks), 2) - 1;
+    for (int n = 0; n < 2 && half_time() * half_time() * own * S(0.5) < move_; ++n) ++half_;  // rounded up
     from_ = angle;
     rate_ = rate;
-    return half_ < ticks_max;
+    return true;
   }
   [[nodiscard]] S half_time() const { return S(half_) * sample_time_; }
 

@@ -332,7 +332,7 @@ struct StoreStatus {
   return f;
 }
 
-/// Received frames since power-up; each counter stops at 65535.
+/// Received frames since power-up, modulo 65536: what was done with a frame shows as a difference for ever.
 struct Counters {
   std::uint16_t obeyed = 0;
   std::uint16_t bad_crc = 0;

@@ -405,7 +405,7 @@ class CommandLink {
                        : o == Outcome::bad_crc     ? counters_.bad_crc
                        : o == Outcome::bad_counter ? counters_.bad_counter
                                                    : counters_.refused;
-    if (n < 0xFFFF) ++n;
+    ++n;
   }
 
   // ---- from the controller
@@ -428,9 +428,10 @@ class CommandLink {
     if (state_ == State::disabled) heard_tick_ = tick_;
     state_ = now;
   }
-  /// Records a tick. Counters that stop at their end count no more events.
+  /// Records a tick.
   [[gnu::noinline]] void capture(const Supervisor& s, const Report& r) {
-    const std::uint32_t refused = 0U + counters_.bad_crc + counters_.bad_counter + counters_.refused;
+    const auto refused =
+        static_cast<std::uint16_t>(counters_.bad_crc + counters_.bad_counter + counters_.refused);
     const unsigned second = r.joints / 2U;  // base joint among the joints with a motor
     capture_.record({static_cast<std::uint32_t>(tick_),
                      lateness_us_,
@@ -555,7 +556,7 @@ class CommandLink {
   Capture capture_{};
   std::uint32_t lateness_us_ = 0;
   std::uint16_t obeyed_ = 0;   // the counter at the record before
-  std::uint32_t refused_ = 0;  // the sum of the others, likewise
+  std::uint16_t refused_ = 0;  // the sum of the others, likewise
 };
 
 static_assert(std::is_trivially_copyable_v<CommandLink>);

@@ -192,7 +192,7 @@ RunEnd pace_plant(const Scene& scene, const RunOptions& o, PlantEnd<World, HostB
   const auto begin = Clock::now();
   const Seconds arming(arming_time_max(scene, true));
   auto heard = begin;
-  Pace pace(scene.tick() / plant.substeps(), o.again.bus == nullptr);
+  Pace pace(scene.tick(), o.again.bus == nullptr, plant.substeps());
   std::uint64_t late = 0;
   Progress progress(tick_count(scene));
   while (!plant.finished() && !must_stop(o, plant.done()) && !over()) {

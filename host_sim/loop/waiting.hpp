@@ -19,20 +19,18 @@
 namespace esmc::host {
 
 /// Clock of a loop in real time: instants k * period after construction. wait() sleeps until the next one;
-/// one missed by more than a period is counted as late, and the instants go on from now.
+/// one missed by more than a tick is counted as late, and the instants go on from now.
 class Pace {
  public:
-  /// `waits` false: wait() returns at once, for a replay. `period_s` in s.
-  explicit Pace(double period_s, bool waits = true)
-      : waits_(waits),
-        period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(period_s))),
-        next_(Clock::now()) {}
+  /// `waits` false: wait() returns at once, for a replay. `tick_s`: of `parts` periods, s.
+  explicit Pace(double tick_s, bool waits = true, int parts = 1)
+      : waits_(waits), tick_(duration(tick_s)), period_(duration(tick_s / parts)), next_(Clock::now()) {}
   /// Sleeps until the next instant.
   void wait() {
     if (!waits_) return;
     next_ += period_;
     const auto now = Clock::now();
-    if (now > next_ + period_) {
+    if (now > next_ + tick_) {
       ++late_;
       next_ = now;
     }
@@ -44,8 +42,11 @@ class Pace {
 
  private:
   using Clock = std::chrono::steady_clock;
+  static Clock::duration duration(double seconds) {
+    return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  }
   bool waits_;
-  Clock::duration period_;
+  Clock::duration tick_, period_;
   Clock::time_point next_;
   std::uint64_t late_ = 0;
 };

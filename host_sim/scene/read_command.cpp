@@ -74,7 +74,10 @@ void read_command(Section s, Scene& scene) {
            base + block - 1, id);
   }
   c.arm_by_link = s.text("arm") == "link";
-  c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? 1.0 : 0.0);
+  // A console answers Status, which in a slow loop are far apart.
+  const double status = c.status_ticks * scene.tick();
+  c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? std::max(1.0, 3.0 * status) : 0.0);
+  c.order_age = s.optional_number("order_age").value_or(std::max(0.5, 2.0 * status));
   const double most = CommandScene::jerk_ticks_max * scene.tick();
   c.jerk_time = s.optional_number("jerk_time").value_or(std::min(0.02, most));
   if (c.jerk_time > most * (1.0 + 1e-9))

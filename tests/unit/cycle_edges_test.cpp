@@ -363,6 +363,26 @@ TEST(SignTestEdges, AHalfIsAsLongAsTheMotionNeedsAndNotTooLong) {
   }
 }
 
+/// A motion of an eighth of a second, at any rate; one of more than 0.2 s only where that is 199 ticks.
+TEST(SignTestEdges, AFastLoopAllowsTheSameTime) {
+  for (const double rate : {256.0, 1024.0, 8192.0, 131072.0}) {
+    for (const double time : {0.125, 0.1999, 0.2001, 0.75}) {
+      Trial t;
+      t.sample_time = 1.0 / rate;
+      t.limit = {2, 2};
+      t.move = 0.5 * 2 * share * time * time;
+      const int half = static_cast<int>(std::ceil(time * rate));
+      t.half[0] = t.half[1] = half;
+      Signs test(t.move, t.sample_time);
+      std::vector<Vec2<double>> pulses;
+      const bool passes = time < 0.2 || half <= 199;
+      EXPECT_EQ(t.run(test, t.model(1), &pulses), passes ? Verdict::passed : Verdict::failed)
+          << rate << ' ' << time;
+      EXPECT_EQ(pulses.size(), passes ? static_cast<std::size_t>(4 * half) : 0U) << rate << ' ' << time;
+    }
+  }
+}
+
 TEST(SignTestEdges, AMotorThatTheModelCannotTurnFailsAtOnce) {
   for (const int motor : {0, 1}) {
     for (const double inertia : {-1.0, std::numeric_limits<double>::quiet_NaN()}) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -204,6 +205,30 @@ TEST(LinkCapture, ARecordSaysWhatTheTickWas) {
   EXPECT_EQ(next.at(10, 2, true), 0) << "no number";
   EXPECT_EQ(next.at(20, 2), 0xFFFF);
   EXPECT_EQ(next.bytes[23], 0x20U | static_cast<unsigned>(State::running)) << "a frame was refused";
+}
+
+/// After 22 minutes of a console with 50 signs of life a second.
+TEST(LinkCapture, SaysHoweverLongThatAFrameWasObeyedOrRefused) {
+  Kept b(20);
+  b.run();
+  hal::CanFrame wrong = b.desk.order(Desk::none);
+  wrong.size = 7;
+  for (int i = 0; i < 70'000; ++i) {
+    ASSERT_EQ(b.link.receive(b.desk.order(Desk::none)), Outcome::obeyed);
+    (void)b.link.receive(wrong);
+  }
+  b.tick();
+  for (int i = 0; i < 4; ++i) b.tick();
+  b.tick({b.desk.order(Desk::none)});
+  b.tick({wrong});
+  b.tick({b.desk.order(Desk::off)});
+  for (int i = 0; i < 5; ++i) b.tick();
+  b.ask();
+  std::vector<unsigned> said;
+  for (const auto& [n, r] : b.rows()) said.push_back(r.bytes[23] & 0x30U);
+  ASSERT_GE(said.size(), 8U);
+  const auto has = [&](std::vector<unsigned> wanted) { return !std::ranges::search(said, wanted).empty(); };
+  EXPECT_TRUE(has({0x00, 0x10, 0x20, 0x10}));
 }
 
 /// A reference that may run without a console: only once it runs, and nothing else does.

@@ -7,6 +7,7 @@
 
 #include <random>
 #include <string>
+#include <vector>
 
 #include "host_sim/operate/sample_stream.hpp"
 #include "host_sim/scene/scene.hpp"
@@ -227,6 +228,25 @@ TEST(SampleStream, AStretchedSecondLegHasNoRateInTheOtherSpace) {
   EXPECT_FALSE(there(0.3125, 0.0)) << "leg 2";
   EXPECT_FALSE(there(-0.3125, 0.0)) << "leg 1";
   EXPECT_TRUE(there(0.0, 0.25));
+}
+
+/// Of a console that answers each Status: at 10 Hz the defaults of a fast loop would refuse its orders and
+/// lose its sign of life.
+TEST(CommandDefaults, AStatusCanBeAnsweredUntilTheNextOne) {
+  const auto command = [](const std::vector<std::string>& sets) {
+    std::vector<std::string> all{"command.arm=\"link\"", "command.speed=0.3", "command.acceleration=3.0"};
+    all.insert(all.end(), sets.begin(), sets.end());
+    return *host::read_scene_text(std::string(host::starting_scene("five_bar")), "scene", all).command;
+  };
+  EXPECT_EQ(command({}).order_age, 0.5);
+  EXPECT_EQ(command({}).timeout, 1.0);
+  EXPECT_EQ(command({"control.rate_hz=10"}).order_age, 2.0);
+  EXPECT_EQ(command({"control.rate_hz=10"}).timeout, 3.0);
+  EXPECT_EQ(command({"command.status_ticks=1000"}).order_age, 2.0);
+  EXPECT_EQ(command({"control.rate_hz=10", "command.order_age=0.25", "command.timeout=0.75"}).order_age,
+            0.25);
+  EXPECT_EQ(command({"control.rate_hz=10", "command.order_age=0.25", "command.timeout=0.75"}).timeout, 0.75);
+  EXPECT_EQ(command({"control.rate_hz=10", "command.arm=\"start\""}).timeout, 0.0);
 }
 
 }  // namespace

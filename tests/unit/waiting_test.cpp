@@ -114,5 +114,12 @@ TEST(WaitingVirtual, AVirtualBusHasItsFramesOrNeverWill) {
             Waited::done);
 }
 
+/// Steps that are late by themselves, as on every computer, make no tick of an hour late.
+TEST(Pace, APartOfATickIsLateWhenATickWouldBe) {
+  Pace pace(3600.0, true, 2'000'000'000);
+  for (int n = 0; n < 1000; ++n) pace.wait();
+  EXPECT_EQ(pace.late(), 0U);
+}
+
 }  // namespace
 }  // namespace esmc::host
