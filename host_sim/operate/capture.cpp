@@ -4,16 +4,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace esmc::host {
 namespace {
+
+/// s without an answer, or without another part, after which it was lost: other frames have their turns, too.
+double patience(const Connection& link) { return std::max(1.0, link.seconds(20)); }
 
 /// What the controller says that can be read; asks for a block at the same time.
 CaptureNews ask_block(Connection& link, std::uint8_t block) {
   const std::uint32_t before = link.news().capture.heard;
   for (int attempt = 0; attempt < 20; ++attempt) {
     link.send(link.client().request(link::Subject::capture, block));
-    if (link.until([&] { return link.news().capture.heard != before; }, 1.0, false) == Waited::done)
+    if (link.until([&] { return link.news().capture.heard != before; }, patience(link), false) ==
+        Waited::done)
       return link.news().capture;
   }
   throw RunError("the controller does not answer: no Capture (has its image this message?)");
@@ -56,11 +61,13 @@ link::CaptureTick decode_record(const link::CaptureRecord& r, const std::array<f
 
 std::vector<link::CaptureTick> read_capture(Connection& link) {
   CaptureNews first = ask_block(link, 0);
-  // After a fault it records for an eighth of its length.
-  for (int n = 0;
-       n < 40 && first.state == link::CaptureState::recording && link.status().fault != Fault::none; ++n) {
-    (void)link.until([] { return false; }, 0.25, false);
-    first = ask_block(link, 0);
+  // After a fault it records for an eighth of its length, which in a slow loop takes long.
+  bool more = true;
+  while (more && first.state == link::CaptureState::recording && link.status().fault != Fault::none) {
+    (void)link.until([] { return false; }, 0.25);
+    if (link.stopped()) throw Interrupted("interrupted: ticks are being recorded");
+    const CaptureNews before = std::exchange(first, ask_block(link, 0));
+    more = first.recorded != before.recorded;
   }
   require_readable(first);
   link.client().forget_capture();
@@ -83,7 +90,7 @@ std::vector<link::CaptureTick> read_capture(Connection& link) {
       for (std::size_t before = parts.size() + 1;
            !all() && parts.size() != before;) {  // as long as they come
         before = parts.size();
-        (void)link.until(all, 1.0);
+        (void)link.until(all, patience(link));
         if (stop_requested()) throw Interrupted("interrupted: not all ticks were read");
       }
     }

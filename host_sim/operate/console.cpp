@@ -119,7 +119,8 @@ void Console::refuse(const char* reason, const std::string& what) const {
 void Console::status(const Words&) {
   link_.read_faults();
   const std::uint32_t sets = link_.news().telemetry;
-  (void)link_.until([&] { return link_.news().telemetry > sets + 1; }, 1.0, false);  // a whole set
+  const double patience = std::max(1.0, link_.seconds(60));  // three sets, as often as they come by default
+  (void)link_.until([&] { return link_.news().telemetry > sets + 1; }, patience, false);  // a whole set
   if (json_) {
     fmt::print("{}", document_text(status_json(link_)));
   } else {

@@ -107,7 +107,8 @@ class Console {
   void stay();
   /// halt, after Ctrl-C or a stop on the page.
   void interrupt();
-  /// Sends an order that needs neither counter nor tick until `done`. Throws Refused after a minute.
+  /// Sends an order that needs neither counter nor tick until `done`. Throws Refused after a minute outside
+  /// of the states on the way to rest, whose duration the controller bounds.
   void insist(link::Order order, const std::function<bool()>& done, const char* reason, const char* what);
   /// The reference's position, m, or the measured base joints, rad. Throws Refused without telemetry.
   std::array<double, 2> position(link::Space space);

@@ -12,7 +12,7 @@
 namespace esmc::host {
 namespace {
 
-constexpr double arming_seconds = 60.0;
+constexpr double by_controller = 1e9;  // s, where the controller itself bounds the time, in its own ticks
 constexpr double rest_seconds = 60.0;
 constexpr double arrived = 3e-6;  // m; positions on the wire are integers of 1 um, telemetry is 32-bit
 
@@ -45,8 +45,7 @@ void Console::home(const Words&) {
   leave_disabled(link::Order::home,
                  "the order to home was not taken; the scene must have drives.homing_speed");
   const auto over = [&] { return now().state == State::disabled || now().state == State::fault; };
-  // The controller bounds travel and time.
-  if (link_.until(over, 1e9) == Waited::stopped) return interrupt();
+  if (link_.until(over, by_controller) == Waited::stopped) return interrupt();
   own_ = false;
   if (now().zero_unknown) refuse("not_homed", "homing was ended before both stops were met");
   require_no_fault();
@@ -62,8 +61,7 @@ void Console::start(link::Source source) {
     refuse("refused", "the source of motion was not taken");
   leave_disabled(link::Order::arm, "the order to arm was not taken");
   const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
-  const Waited w = link_.until(over, arming_seconds);
-  if (w == Waited::stopped) halt();
+  if (link_.until(over, by_controller) == Waited::stopped) halt();
   require_not_interrupted(link_);
   require_running();
 }
@@ -92,16 +90,18 @@ void Console::stay() {
           return now().state == State::disabled || now().state == State::holding ||
                  now().state == State::fault;
         },
-        rest_seconds);
+        by_controller);
   own_ = false;
   require_no_fault();
 }
 
 void Console::insist(link::Order order, const std::function<bool()>& done, const char* reason,
                      const char* what) {
-  const auto give_up = Connection::Clock::now() + std::chrono::duration<double>(rest_seconds);
+  auto since = Connection::Clock::now();
   while (!done()) {
-    if (Connection::Clock::now() > give_up) refuse(reason, what);
+    const State s = now().state;  // lowering alone may be set to ten minutes
+    if (s == State::halting || s == State::lowering || s == State::stopping) since = Connection::Clock::now();
+    if (Connection::Clock::now() - since > std::chrono::duration<double>(rest_seconds)) refuse(reason, what);
     if (order == link::Order::off || now().state != State::stopping) link_.send(link_.client().order(order));
     (void)link_.until(done, 0.1, false);  // once more every 0.1 s, for a frame may be lost
   }
