@@ -207,12 +207,12 @@ class Search {
   [[nodiscard]] double judged() const { return trajectory() ? deviation_.all : deviation_.end; }
   [[nodiscard]] bool stalled() const { return std::isfinite(before_) && !(judged() < 0.3 * before_); }
 
-  /// A start that is off by 1e-10, or less where that would be much beside what is asked, must not change the
-  /// result by a tenth of what is asked: the start is a row of the trajectory.
+  /// A start that is off by 1e-10 must not change the result by a tenth of what is asked. Of a trajectory the
+  /// start is a row: there it is off by a hundredth of what is asked at most.
   void refuse_if_ill_posed() {
     if (!last_ || nudged_) return;
     Scene other = *latest_;
-    const double off = std::min(nudge, 0.01 * asked_);
+    const double off = trajectory() ? std::min(nudge, 0.01 * asked_) : nudge;
     other.start_angle[0] += off;
     Deviation d;
     try {
