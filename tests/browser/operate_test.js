@@ -209,7 +209,7 @@ if (shot) {
     await state(watcher, "off");
     assert.deepEqual(await crowded(watcher), []);
     const page = await open(browser, b.url);
-    assert.ok(await page.isVisible("#watching"));
+    await until(page, () => !document.getElementById("watching").hidden);
     await page.click("#take");
     await until(page, () => document.getElementById("watching").hidden);
     await until(watcher, () => !document.getElementById("watching").hidden && document.querySelector("[data-do=arm]").disabled);
