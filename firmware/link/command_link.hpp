@@ -430,8 +430,7 @@ class CommandLink {
   }
   /// Records a tick.
   [[gnu::noinline]] void capture(const Supervisor& s, const Report& r) {
-    const auto refused =
-        static_cast<std::uint16_t>(counters_.bad_crc + counters_.bad_counter + counters_.refused);
+    const std::uint32_t refused = 0U + counters_.bad_crc + counters_.bad_counter + counters_.refused;
     const unsigned second = r.joints / 2U;  // base joint among the joints with a motor
     capture_.record({static_cast<std::uint32_t>(tick_),
                      lateness_us_,
@@ -556,7 +555,7 @@ class CommandLink {
   Capture capture_{};
   std::uint32_t lateness_us_ = 0;
   std::uint16_t obeyed_ = 0;   // the counter at the record before
-  std::uint16_t refused_ = 0;  // the sum of the others, likewise
+  std::uint32_t refused_ = 0;  // the sum of the others, likewise
 };
 
 static_assert(std::is_trivially_copyable_v<CommandLink>);
