@@ -60,7 +60,10 @@ void Console::start(link::Source source) {
   if (!chosen() && (!link_.obeyed(wanted, chosen) || link_.until(chosen, order_seconds) == Waited::silent))
     refuse("refused", "the source of motion was not taken");
   leave_disabled(link::Order::arm, "the order to arm was not taken");
-  const auto over = [&] { return now().state == State::running || !armed() || now().fault != Fault::none; };
+  const auto over = [&] {
+    const bool arming = now().state == State::enabling || now().state == State::testing;
+    return !arming || now().fault != Fault::none;
+  };
   if (link_.until(over, by_controller) == Waited::stopped) halt();
   require_not_interrupted(link_);
   require_running();

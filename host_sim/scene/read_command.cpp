@@ -74,8 +74,9 @@ void read_command(Section s, Scene& scene) {
            base + block - 1, id);
   }
   c.arm_by_link = s.text("arm") == "link";
-  // A console answers Status, which in a slow loop are far apart.
-  const double status = c.status_ticks * scene.tick();
+  // A console answers Status, which in a slow loop are far apart; after 5 s without one it has lost the
+  // controller, and no default may keep a mechanism in motion for longer.
+  const double status = std::min(c.status_ticks * scene.tick(), 5.0);
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? std::max(1.0, 3.0 * status) : 0.0);
   c.order_age = s.optional_number("order_age").value_or(std::max(0.5, 2.0 * status));
   const double most = CommandScene::jerk_ticks_max * scene.tick();

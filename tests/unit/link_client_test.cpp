@@ -243,6 +243,8 @@ TEST(CommandDefaults, AStatusCanBeAnsweredUntilTheNextOne) {
   EXPECT_EQ(command({"control.rate_hz=10"}).order_age, 2.0);
   EXPECT_EQ(command({"control.rate_hz=10"}).timeout, 3.0);
   EXPECT_EQ(command({"command.status_ticks=1000"}).order_age, 2.0);
+  EXPECT_EQ(command({"control.rate_hz=10", "command.status_ticks=100000"}).order_age, 10.0);
+  EXPECT_EQ(command({"control.rate_hz=10", "command.status_ticks=100000"}).timeout, 15.0);
   EXPECT_EQ(command({"control.rate_hz=10", "command.order_age=0.25", "command.timeout=0.75"}).order_age,
             0.25);
   EXPECT_EQ(command({"control.rate_hz=10", "command.order_age=0.25", "command.timeout=0.75"}).timeout, 0.75);
