@@ -27,8 +27,8 @@ if(TARGET esmc)
   install(CODE "execute_process(COMMAND \"$<TARGET_FILE:esmc>\" completion bash OUTPUT_FILE \"${completion}\"
                                 COMMAND_ERROR_IS_FATAL ANY)")
   install(FILES ${completion} DESTINATION ${CMAKE_INSTALL_DATAROOTDIR}/bash-completion/completions RENAME esmc)
-  if(TARGET esmc_python)  # where Debian's python3 looks, below /usr
-    install(TARGETS esmc_python LIBRARY DESTINATION lib/python3/dist-packages)
+  if(TARGET esmc_python)  # if it is built; where Debian's python3 looks, below /usr
+    install(TARGETS esmc_python LIBRARY DESTINATION lib/python3/dist-packages OPTIONAL)
     install(FILES ${PROJECT_BINARY_DIR}/python/esmc.pyi DESTINATION lib/python3/dist-packages/esmc-stubs RENAME __init__.pyi)  # PEP 561
   endif()
   include(.cmake/package.cmake)
