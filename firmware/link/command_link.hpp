@@ -37,8 +37,17 @@ class CommandLink {
   [[nodiscard]] std::uint8_t session() const { return session_; }      ///< 1..255, part of every checksum
   [[nodiscard]] std::uint32_t scene() const { return config_.scene; }  ///< LinkConfig::scene
 
-  /// Counts a tick, which ages of frames refer to; call before the frames of the tick.
-  void begin_tick() { ++tick_; }
+  /// Counts a tick, which ages of frames refer to; call before the frames of the tick. An order carries 16
+  /// bits of the tick: unless armed, the session changes more often than they repeat, and an order of the one
+  /// before is valid for as long as the Status that it answers.
+  void begin_tick() {
+    ++tick_;
+    if (grace_ > 0) --grace_;
+    if (armed() || tick_ % session_ticks != 0) return;
+    next_session();
+    grace_ = config_.command_age_ticks_max;
+    status_due_ = true;
+  }
 
   /// Checks a frame, stores its request for take(), and counts the outcome. `waited`: ticks from its arrival
   /// to this call, below 2^31.
@@ -90,8 +99,7 @@ class CommandLink {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool alone =
         config_.unattended && source_ == Source::reference && state_ >= State::running && !held_;
-    const bool armed = state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
-    return (armed && !alone && silence > 0 && tick_ - heard_tick_ > silence) ||
+    return (armed() && !alone && silence > 0 && tick_ - heard_tick_ > silence) ||
            (streaming_ && over_age(sample_age()));
   }
 
@@ -136,7 +144,7 @@ class CommandLink {
   Outcome judge(const hal::CanFrame& f, std::uint8_t m) {
     if (f.size != 8 || f.remote || f.fd) return Outcome::malformed;
     const auto message = static_cast<Message>(m);
-    if (!intact(f, session_)) {
+    if (!intact(f, session_) && !(waited_ticks_ < grace_ && intact(f, before(session_)))) {
       return message == Message::command && intact(f, any_session) ? without_session(f) : Outcome::bad_crc;
     }
     const bool in_order = ahead(m, counter_of(f));
@@ -417,9 +425,18 @@ class CommandLink {
     return true;
   }
 
+  [[nodiscard]] bool armed() const {
+    return state_ != State::disabled && state_ != State::stopping && state_ != State::fault;
+  }
+  void next_session() { session_ = session_ == 0xFF ? 1 : session_ + 1; }
+  static std::uint8_t before(std::uint8_t session) { return session == 1 ? 0xFF : session - 1; }
+
   /// A new session begins when the controller becomes disabled, so that recorded frames are refused later.
   void change_state(State now) {
-    if (now == State::disabled && state_ != State::disabled) session_ = session_ == 0xFF ? 1 : session_ + 1;
+    if (now == State::disabled && state_ != State::disabled) {
+      next_session();
+      grace_ = 0;
+    }
     if (now != State::running) {
       streaming_ = half_ = ended_ = false;
       if (held_) request_.has_rate = true, request_.percent = percent_;
@@ -523,8 +540,10 @@ class CommandLink {
                                                     counter_never, counter_never, counter_never};
   std::uint64_t tick_ = 0;
   std::uint64_t sample_tick_ = 0, heard_tick_ = 0;
-  std::uint32_t waited_ticks_ = 0;  // of the present frame
+  std::uint32_t waited_ticks_ = 0;                        // of the present frame
+  static constexpr std::uint64_t session_ticks = 0x8000;  // half of the ticks that an order tells apart
   std::uint8_t session_ = 1;
+  std::uint16_t grace_ = 0;   // ticks for which the session before is valid
   std::uint8_t counter_ = 0;  // of Status
   Source source_ = Source::reference;
   bool homes_ = false, zero_unknown_ = false;

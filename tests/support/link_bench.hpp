@@ -43,6 +43,7 @@ struct LinkBench {
   /// `bus_takes`: whether frames get out.
   Request tick(const std::vector<hal::CanFrame>& frames = {}, Fault f = Fault::none) {
     link.begin_tick();
+    ++now;
     outcomes.clear();
     for (const auto& frame : frames) outcomes.push_back(link.receive(frame));
     const Request r = link.take();
@@ -88,6 +89,7 @@ struct LinkBench {
   Desk desk;
   Report report;
   std::vector<Outcome> outcomes;
+  unsigned now = 0;  ///< ticks so far
   bool bus_takes = true;
   std::uint32_t refused_id = 0;  ///< the bus does not take the next `refused` frames with this identifier
   int refused = 0;

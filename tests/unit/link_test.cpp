@@ -253,5 +253,63 @@ TEST(Link, SessionsSkipTheOneThatIsForAll) {
   EXPECT_EQ(b.link.session(), 1);
 }
 
+constexpr unsigned half = 0x8000, period = 2 * half;  // ticks that 16 bits tell apart
+
+/// A bench at this tick, whose computer has heard the last Status.
+void advance(LinkBench& b, unsigned tick) {
+  while (b.now < tick) {
+    b.tick();
+    b.desk.heard.clear();
+  }
+}
+
+TEST(Link, AnArmThatIsHeldBackForAllTicksThatSixteenBitsTellApartIsRefused) {
+  for (const unsigned sent :
+       {100U, half - 2, half - 1, half, half + 1, half + 49, half + 51, period - 1, period + 3}) {
+    LinkBench b;
+    b.listen();
+    advance(b, sent);
+    hal::CanFrame arm = b.desk.order(Desk::arm);
+    for (const unsigned later : {period - 1, period, period + 49}) {
+      advance(b, sent + later - 1);
+      EXPECT_EQ(b.one(arm), Outcome::bad_crc) << sent << ' ' << later;
+    }
+    EXPECT_EQ(b.supervisor.state(), State::disabled);
+  }
+}
+
+TEST(Link, ANewSessionRefusesNoOrderThatAnswersARecentStatus) {
+  for (const unsigned after : {0U, 1U, 46U, 47U, 49U, 50U, 51U}) {
+    for (const unsigned waited : {0U, 2U}) {
+      LinkBench b;
+      b.listen();
+      advance(b, half - 1);
+      const hal::CanFrame arm = b.desk.order(Desk::arm);  // of the session before
+      const unsigned told = b.desk.tick;
+      ASSERT_EQ(b.desk.session, 77U);
+      if (after > 0) {
+        b.tick();
+        EXPECT_EQ(b.desk.session, 78U) << "told at once";
+      }
+      advance(b, half + after - 1);
+      b.link.begin_tick();
+      const bool recent = half + after + waited - told <= 50;
+      EXPECT_EQ(b.link.receive(arm, waited) == Outcome::obeyed, recent) << after << ' ' << waited;
+    }
+  }
+}
+
+TEST(Link, TheSessionOfAnArmedControllerStays) {
+  LinkBench b;
+  b.run();
+  advance(b, period + 10);
+  EXPECT_EQ(b.link.session(), 77);
+  EXPECT_EQ(b.one(b.desk.order(Desk::hold)), Outcome::obeyed);
+  b.tick({}, Fault::drive_error);
+  ASSERT_EQ(b.supervisor.state(), State::fault);
+  advance(b, period + half);
+  EXPECT_EQ(b.link.session(), 78);
+}
+
 }  // namespace
 }  // namespace esmc::test
