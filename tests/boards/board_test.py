@@ -270,13 +270,17 @@ def flash_of_options(folder):
     return {**{o: added(o) for o in OPTIONS}, "largest": added(*LARGEST)}
 
 
+def preset(elf, symbol, value):
+    """What makes the emulator write this value before the start."""
+    return ["-device", f"loader,addr={symbols_of(elf)[symbol]:#x},data={value:#x},data-len=4"]
+
+
 def selected(elf, count):
     """What makes the emulator tell the image of `count` to count esmc, and that many other laws drawn by the commit's hash."""
     drawn = [0, *sample.drawn(range(1, len(LAWS)), count, lambda i: LAWS[i])]
     if len(drawn) == len(LAWS):
         return len(LAWS), []
-    address, bits = symbols_of(elf)["esmc_laws_to_count"], sum(1 << i for i in drawn)
-    return len(drawn), ["-device", f"loader,addr={address:#x},data={bits:#x},data-len=4"]
+    return len(drawn), preset(elf, "esmc_laws_to_count", sum(1 << i for i in drawn))
 
 
 def count(elf, machine, docs, costs, update, at_most):

@@ -274,8 +274,9 @@ constexpr Option options[] = {{"super_twisting", super_twisting},
 }  // namespace
 
 extern "C" {
-/// The laws to count, one bit each in the order below; the emulator sets them before the start. 0: all.
-[[gnu::section(".noinit"), gnu::used]] volatile std::uint32_t esmc_laws_to_count;
+/// Set by the emulator before the start. The laws to count, one bit each in the order below; 0: all. Random
+/// states per law; 0: ESMC_STATES.
+[[gnu::section(".noinit"), gnu::used]] volatile std::uint32_t esmc_laws_to_count, esmc_states_to_count;
 }
 
 extern "C" [[noreturn]] void esmc_main() {
@@ -287,6 +288,7 @@ extern "C" [[noreturn]] void esmc_main() {
     const char* name;
     LawKind kind;
   };
+  const std::uint32_t given = esmc_states_to_count, all_states = given != 0 ? given : ESMC_STATES;
   constexpr Law laws[] = {{"esmc", LawKind::esmc},
                           {"esmc_projected", LawKind::esmc_projected},
                           {"smc", LawKind::smc},
@@ -300,10 +302,10 @@ extern "C" [[noreturn]] void esmc_main() {
     const Law& law = laws[i];
     if (esmc_laws_to_count != 0 && (esmc_laws_to_count >> i & 1U) == 0) continue;
     config.controller.law = law.kind;
-    report(out, law.name, config, ESMC_STATES, bus, timer);
+    report(out, law.name, config, all_states, bus, timer);
   }
   config.controller.law = LawKind::esmc;
-  constexpr std::uint32_t states = ESMC_STATES / 50U;
+  const std::uint32_t states = all_states / 50U;
   for (const Option& option : options) {
     if (states == 0) break;
     static Node::Config with;

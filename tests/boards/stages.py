@@ -2,7 +2,7 @@
 """Where the instructions of a tick go, stage by stage and law by law, and what a law buys with them: the emulator writes down
 every instruction of one tick, and the debug information says of which function of the sources it is.
 
-usage: stages.py ELF MACHINE SCALAR ESMC SCENE DOCS [--update]    ELF: tests/boards/count.cpp with a single state
+usage: stages.py ELF MACHINE SCALAR ESMC SCENE DOCS [--update]    ELF: of tests/boards/count.cpp
        stages.py --self-test"""
 import json
 import re
@@ -68,7 +68,7 @@ def trace(elf, machine):
         said, log = Path(folder, "said"), Path(folder, "log")
         board = subprocess.Popen(["qemu-system-arm", "-M", machine, "-display", "none", "-monitor", "none", "-icount",
                                   "shift=6,sleep=off", "-kernel", elf, "-serial", f"file:{said}", "-singlestep", "-d",
-                                  "exec,nochain", "-D", log])
+                                  "exec,nochain", "-D", log, *board_test.preset(elf, "esmc_states_to_count", 1)])
         for _ in range(600):
             time.sleep(0.1)
             if said.exists() and "done" in said.read_text(encoding="ascii"):
