@@ -326,6 +326,11 @@ class Cycle {
 
   /// Of a passive encoder only samples count.
   [[gnu::cold, gnu::noinline]] bool enabling_expired(std::uint32_t passed) {
+    if constexpr (requires(D & a) { a.begin_enabling(); }) {
+      if (!wait_.waits) {  // the first tick of an order
+        for (D& a : axes_) a.begin_enabling();
+      }
+    }
     return wait_.expired(
         axis_count_, passed, waiting_ticks_max_,
         [this](int i) {

@@ -49,6 +49,12 @@ template <class S>
 /// True if a shaft torque (N m) may be sent: finite, and at most shaft_torque_max in magnitude.
 [[nodiscard]] constexpr bool can_carry(float torque) { return __builtin_fabsf(torque) <= shaft_torque_max; }
 
+/// True if a drive that answers every tick has been silent for so long that it may have restarted: an eighth
+/// of its retry_ticks (19 of 150 ms), and more than two ticks.
+[[nodiscard]] constexpr bool may_have_restarted(std::uint32_t silent_ticks, std::uint32_t retry_ticks) {
+  return silent_ticks > retry_ticks / 8U && silent_ticks > 2U;
+}
+
 /// Frames that a protocol sends once per bus instead of per axis: none for most protocols.
 struct NoLine {
   /// Requests samples; sends nothing, because these drives send them without a request.

@@ -126,9 +126,15 @@ class MitAxis {
   ///   ticks: ready()
   ///
   /// The first two replies show that a zero command has arrived: a drive that enters motor mode acts on its
-  /// last command. Without progress the sequence restarts every retry_ticks.
+  /// last command. Without progress the sequence restarts every retry_ticks, and where the drive is silent,
+  /// which may restart.
   template <class Send>
   void enable(Send&& send) {
+    if (may_have_restarted(age_ticks_, settings_.retry_ticks) && (step_ == Step::entered || replies_ > 0)) {
+      step_ = Step::unknown;
+      replies_ = 0;
+      wait_ticks_ = 0;
+    }
     if (ready()) return;
     const bool due = wait_ticks_ == 0;
     if (!due) --wait_ticks_;

@@ -89,8 +89,9 @@ class MoteusAxis {
   /// True if replies of two ticks since the last request reported torque control without error, the last one
   /// as well, and the limits that were sent.
   [[nodiscard]] bool ready() const { return wanted_ && replies_ >= replies_wanted; }
-  /// True if replies of two ticks since the last request to stop reported the drive stopped.
-  [[nodiscard]] bool idle() const { return !wanted_ && replies_ >= replies_wanted; }
+  /// True if replies of two ticks since the last request to stop reported the drive stopped, and there is no
+  /// config_mismatch().
+  [[nodiscard]] bool idle() const { return !wanted_ && !mismatch_ && replies_ >= replies_wanted; }
   [[nodiscard]] bool must_be_released() const {
     return release_pending_;
   }                                                              ///< torque requested, not idle() since
@@ -121,9 +122,11 @@ class MoteusAxis {
   ///
   ///   stopped in two ticks, without mismatch  ->  torque control and limits in two ticks: ready()
   ///
-  /// Without progress the sequence restarts after retry_ticks; a silent drive gets a query as often.
+  /// Without progress the sequence restarts after retry_ticks, and where the drive is silent, which may
+  /// restart; a drive never heard gets a query as often.
   template <class Send>
   void enable(Send&& send) {
+    if (may_have_restarted(age_ticks_, retry_ticks_) && (wanted_ || replies_ > 0)) want(false);
     if (ready() || config_mismatch()) return;
     if (!alive_) return wake(send);
     if (wanted_) {

@@ -135,6 +135,13 @@ class OdriveAxis {
     fresh_ = fresh || version_ == Version::v0_6;
   }
 
+  /// Call when an order to enable begins: the next enable() begins with the controller mode and reads back
+  /// anew, for an earlier order may have been broken off between them, and the axis changed since.
+  void begin_enabling() {
+    if (step_ != Step::request) return;
+    step_ = Step::configure;
+    read_back_.restart();
+  }
   /// Sends frames towards closed-loop torque control; call every tick while enabling. A frame that the bus
   /// does not take is sent again.
   ///

@@ -276,14 +276,20 @@ struct FaultRecord {
   f.data[5] = unattended ? 1 : 0;
   return f;
 }
-/// Scene of an Identity; empty unless the frame is the Identity of a controller at this base: all is checked.
-[[nodiscard]] constexpr std::optional<std::uint32_t> decode_identity(const hal::CanFrame& f,
+/// An Identity as received.
+struct IdentityFrame {
+  std::uint32_t scene = 0;   ///< as in encode_identity()
+  std::uint8_t version = 0;  ///< protocol_version of the controller
+  bool unattended = false;
+};
+/// Empty unless the frame is the Identity of a controller at this base: all but the version is checked.
+[[nodiscard]] constexpr std::optional<IdentityFrame> decode_identity(const hal::CanFrame& f,
                                                                      std::uint32_t base) {
   if (f.id != base + static_cast<std::uint32_t>(Message::identity) || f.extended || f.remote || f.fd ||
       f.size != 8) {
     return std::nullopt;
   }
-  return get_field(f, 0, 4);
+  return IdentityFrame{get_field(f, 0, 4), f.data[4], (f.data[5] & 1U) != 0};
 }
 
 /// Result of the last order to the store of parameters.
@@ -319,6 +325,7 @@ struct StoreStatus {
   std::uint8_t used = 0;  ///< slot of the gains in use since power-up, 1 or 2; 0: the baked gains
   std::array<SlotContent, 2> slots{};
   std::uint32_t sequence = 0;  ///< of the newest valid record
+  bool memory_busy = false;    ///< not sent: the memory goes on with an operation that timed out
   friend constexpr bool operator==(const StoreStatus&, const StoreStatus&) = default;
 };
 /// Frame Parameter_Slots: state of the store, slot in use, content of the slots, sequence number.

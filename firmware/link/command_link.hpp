@@ -244,7 +244,8 @@ class CommandLink {
   /// Meanwhile neither arming nor writing is possible: the stored table stays consistent, and no tick with
   /// torque is slowed by the flash (an STM32G4 has no data cache then).
   [[nodiscard]] bool storing() const {
-    return store_.state == StoreState::storing || store_.state == StoreState::forgetting;
+    return store_.state == StoreState::storing || store_.state == StoreState::forgetting ||
+           store_.memory_busy;
   }
   Outcome keep(StoreRequest request) {
     if (state_ != State::disabled || storing() || store_.state == StoreState::none) return Outcome::refused;

@@ -94,7 +94,7 @@ class ParameterSlots {
   void poll() {
     if (!busy()) {
       // An operation that timed out may still end and leave the memory as ordered.
-      if (memory_.poll() != hal::MemoryStatus::busy && std::exchange(unknown_, false)) survey();
+      if (memory_.poll() != hal::MemoryStatus::busy && std::exchange(status_.memory_busy, false)) survey();
       return;
     }
     switch (memory_.poll()) {
@@ -104,7 +104,7 @@ class ParameterSlots {
       case hal::MemoryStatus::busy:
         if (++polls_ > polls_max_) {
           fail();
-          unknown_ = true;
+          status_.memory_busy = true;
         }
         return;
       case hal::MemoryStatus::failed:
@@ -183,7 +183,7 @@ class ParameterSlots {
 
   bool begin(StoreState operation) {
     if (busy() || status_.state == StoreState::none) return false;
-    if (unknown_) {  // the only record might be in the slot that would be erased
+    if (status_.memory_busy) {  // the only record might be in the slot that would be erased
       status_.state = StoreState::failed;
       return false;
     }
@@ -238,7 +238,6 @@ class ParameterSlots {
   SlotRecord::Words record_{};
   Step step_ = Step::erase;
   bool second_ = false;
-  bool unknown_ = false;  ///< an operation timed out and goes on: the content of the slots is not known
 };
 
 /// Gives the stored gains, if they can be used, to the link; call at power-up, before the first tick.

@@ -130,6 +130,23 @@ void judge_heartbeats(const Scene& scene, Findings& f) {
   }
 }
 
+/// The controller sends one frame of the link in a tick at most.
+void judge_link(const Scene& scene, Findings& f) {
+  if (!scene.command) return;
+  const CommandScene& c = *scene.command;
+  const double set = 2.0 + scene.motors(),  // frames of telemetry
+      frames = 1.0 / c.status_ticks + (c.telemetry_ticks > 0 ? set / c.telemetry_ticks : 0.0);
+  if (frames > 1.0)
+    f.warning(
+        Code::bus_load, "command.telemetry_ticks",
+        "the link sends one frame in a tick at most; Status every {} and {:g} frames of telemetry every "
+        "{} ticks are {:.3g}: both come less often",
+        c.status_ticks, set, c.telemetry_ticks, frames);
+  if (c.arm_by_link && c.timeout == 0.0)
+    f.warning(Code::unattended, "command.timeout",
+              "command.timeout = 0: motion goes on when the console that asked for it is gone");
+}
+
 void judge_unattended(const Scene& scene, Findings& f) {
   if (!scene.reference.unattended) return;
   const bool watched = scene.command && scene.command->timeout > 0.0;
@@ -184,6 +201,7 @@ Judgement judge(const Scene& scene, Log& log) {
     judge_bus(scene, v.bus, v.findings);
     judge_heartbeats(scene, v.findings);
     judge_odrive(scene, v.findings);
+    judge_link(scene, v.findings);
   }
   judge_unattended(scene, v.findings);
   judge_homing(scene, v.findings);

@@ -102,17 +102,27 @@ Scene read_loop_scene(const RunOptions& o, bool with_accuracy) {
   return scene;
 }
 
+void require_known_version(std::uint8_t version) {
+  if (version > link::protocol_version)
+    throw RunError(
+        fmt::format("the controller has version {} of the command interface, this program knows {}: a later "
+                    "esmc is needed",
+                    version, link::protocol_version));
+}
+
 void require_same_scene(const Scene& scene, const hal::CanFrame& f) {
   if (!scene.command || scene.identity == 0) return;
   const auto other = link::decode_identity(f, static_cast<std::uint32_t>(scene.command->base_id));
-  if (!other || *other == 0 || *other == scene.identity) return;
+  if (!other) return;
+  require_known_version(other->version);
+  if (other->scene == 0 || other->scene == scene.identity) return;
   // An image in lockstep may have a plant in real time beside it, for the console that arms it.
   for (const Pacing p : {Pacing::lockstep, Pacing::realtime}) {
-    if (*other == identity_of(scene, p)) return;
+    if (other->scene == identity_of(scene, p)) return;
   }
   throw RunError(
       fmt::format("the controller on the bus was made from another scene: it announces {:08x}, {} is {:08x}",
-                  *other, scene.file, scene.identity));
+                  other->scene, scene.file, scene.identity));
 }
 
 }  // namespace esmc::host

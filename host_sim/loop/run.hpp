@@ -97,7 +97,10 @@ std::string to_confirm(const Scene& scene);
 void require_confirmed(const Scene& scene);
 /// Reads the scene of `o` for a command that uses a bus. Throws InputError, also for a bus_obstacle().
 Scene read_loop_scene(const RunOptions& o, bool with_accuracy = false);
-/// Throws RunError if `f` announces a controller with this command.base_id that was made from another scene.
+/// Throws RunError for a version of the command interface later than link::protocol_version.
+void require_known_version(std::uint8_t version);
+/// Throws RunError if `f` announces a later version, or a controller with this command.base_id that was made
+/// from another scene.
 void require_same_scene(const Scene& scene, const hal::CanFrame& f);
 /// Time, s (in lockstep: virtual), until an end reports that its drives are not armed: for the plant more
 /// than the controller takes to report it. Infinite in real time where a supervisor computer arms.

@@ -6,6 +6,8 @@
 #include <map>
 #include <thread>
 
+#include "host_sim/loop/run.hpp"
+
 namespace esmc::host {
 namespace {
 
@@ -43,11 +45,7 @@ Connection::Connection(HostBus& bus, std::uint32_t base) : bus_(bus), client_(ba
   const auto table = [&] { return client_.request(link::Subject::table); };
   get_in_step(table);
   ask([&] { send(table()); }, [&] { return news().scene && news().table && news().counters; }, "Identity");
-  if (news().version > link::protocol_version)
-    throw RunError(
-        fmt::format("the controller has version {} of the command interface, this program knows {}: a later "
-                    "esmc is needed",
-                    news().version, link::protocol_version));
+  require_known_version(news().version);
 }
 
 void Connection::send(const hal::CanFrame& f) {

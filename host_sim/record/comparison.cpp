@@ -117,7 +117,12 @@ std::FILE* Comparison::open(const std::string& name) {
   return stream;
 }
 
-void Comparison::summary(const Json& computed, const Json& recorded) {
+void Comparison::summary(Json computed, const Json& recorded) {
+  if (!recorded.contains("verdict")) {  // of 0.2.0 or before, which named faults and gave no verdict
+    computed.erase("verdict");
+    if (computed.contains("supervisor"))
+      for (Json& f : computed["supervisor"]["faults"]) f = Json(f["name"]);
+  }
   std::vector<std::string> ignored{"schema", "wall_s", "real_time_factor", "run", "accuracy.cpu_s"};
   // These depend on the wall clock.
   if (realtime_)

@@ -65,7 +65,7 @@ class Comparison {
   /// again, it begins anew. Throws InputError where the recording has no such file.
   [[nodiscard]] std::FILE* open(const std::string& name);
   /// Compares the summaries; call once, at the end of the run: complete() is true from then on.
-  void summary(const nlohmann::ordered_json& computed, const nlohmann::ordered_json& recorded);
+  void summary(nlohmann::ordered_json computed, const nlohmann::ordered_json& recorded);
   void add(Difference d) { others_.push_back(std::move(d)); }
 
   /// The first difference of frames.log, of log.csv, and all of the summary.

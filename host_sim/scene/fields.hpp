@@ -77,7 +77,7 @@ template <auto field>
 void per_joint(Section& s, const std::string& key, Scene& scene) {
   const std::vector<std::size_t> sizes =
       scene.joints() == 4 ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2};
-  const auto v = s.alike(key, sizes);
+  const auto v = s.numbers(key, sizes);
   auto& to = field_of(scene, field);
   for (std::size_t i = 0; i < to.size(); ++i) to[i] = v[i % v.size()];
 }

@@ -171,7 +171,7 @@ void read_mounts(Section& s, Scene& scene) {
     if (given < n) d.missing = "[drives] must name all four motors for control.motors = \"all\"";
   };
   const auto list = [&](const char* key, double rest) {
-    std::vector<double> v = s.given(key) ? s.alike(key, sizes) : std::vector<double>(n, rest);
+    std::vector<double> v = s.given(key) ? s.numbers(key, sizes) : std::vector<double>(n, rest);
     note_missing(v.size());
     v.resize(n, rest);
     return v;

@@ -39,7 +39,7 @@ void read_mechanism(Section s, Scene& scene) {
   if (!one && two.size() != 2) s.fail("legs", "must be given exactly twice, leg 1 (right) first");
   for (std::size_t j = 0; j < 2; ++j) scene.mechanism.legs[j] = read_leg(one ? *one : two[j]);
   const auto rotor =
-      s.alike("rotor_inertia", five_bar ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2});
+      s.numbers("rotor_inertia", five_bar ? std::vector<std::size_t>{2, 4} : std::vector<std::size_t>{2});
   for (std::size_t j = 0; j < (five_bar ? 2U : 1U); ++j) {
     LegParams<double>& leg = scene.mechanism.legs[j];
     const bool elbows = rotor.size() == (five_bar ? 4 : 2);

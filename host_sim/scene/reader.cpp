@@ -163,7 +163,10 @@ const toml::array* Section::list(const std::string& key, const toml::node* node,
 
 std::optional<std::vector<double>> Section::optional_numbers(const std::string& key,
                                                              const std::vector<std::size_t>& sizes) {
-  const toml::array* items = list(key, find(key, false), sizes, "numbers");
+  const toml::node* node = find(key, false);
+  if (node != nullptr && node->is_number() && spec(key).kind == "number or numbers")
+    return std::vector<double>(sizes.front(), checked(*node, key));
+  const toml::array* items = list(key, node, sizes, "numbers");
   if (items == nullptr) return std::nullopt;
   std::vector<double> out;
   for (const toml::node& item : *items) out.push_back(checked(item, key));
@@ -193,12 +196,6 @@ std::vector<int> Section::integers(const std::string& key, std::size_t size) {
   std::vector<int> stand_ins(size);
   std::iota(stand_ins.begin(), stand_ins.end(), 1);
   return optional_integers(key, {size}).value_or(stand_ins);
-}
-
-std::vector<double> Section::alike(const std::string& key, const std::vector<std::size_t>& sizes) {
-  const toml::node* node = find(key);
-  if (node == nullptr || !node->is_number()) return numbers(key, sizes);
-  return std::vector<double>(sizes.front(), checked(*node, key));
 }
 
 std::array<double, 2> Section::pair(const std::string& key) {

@@ -66,7 +66,8 @@ class Section {
   E choice(const std::string& key) {
     return *from_name<E>(text(key));
   }
-  /// Reads an array of numbers whose length is one of `sizes`. The default is sizes.front() zeros.
+  /// Reads an array of numbers whose length is one of `sizes`; where the key's type says so, one number stands
+  /// for all. The default is sizes.front() zeros.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   /// Reads an array as numbers() does. None: the key is absent.
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
@@ -75,8 +76,6 @@ class Section {
   std::optional<std::vector<int>> optional_integers(const std::string& key,
                                                     const std::vector<std::size_t>& sizes);
   std::vector<int> integers(const std::string& key, std::size_t size);
-  /// As numbers(); one number stands for all of them.
-  std::vector<double> alike(const std::string& key, const std::vector<std::size_t>& sizes);
   std::array<double, 2> pair(const std::string& key);  ///< reads [a, b]
   /// Reads an array of `least` or more pairs [a, b]. The default is an empty one.
   std::vector<std::array<double, 2>> pairs(const std::string& key, std::size_t least = 2);

@@ -171,6 +171,16 @@ class Replay(Case):
                 self.bad(self.edited(out, name, edit), *words)
         newer = self.edited(out, "summary.json", lambda d: d.replace(b'"version": "', b'"version": "0.0.'))
         self.assertEqual(esmc("replay", newer, "--any-version").returncode, 0)
+
+        def of_before(document):  # 0.2.0 named faults, and had neither verdict nor schema
+            was = json.loads(document)
+            del was["verdict"], was["schema"]
+            was["supervisor"]["faults"] = [f["name"] for f in was["supervisor"]["faults"]]
+            return json.dumps(was).encode()
+
+        for run in (out, self.record("hil", CIRCLE, *SHORT, "--set", "limits.joint_speed=0.1", status=1)):
+            again = esmc("replay", self.edited(run, "summary.json", of_before), "--any-version")
+            self.assertEqual((again.returncode, again.stderr), (0, ""), again.stdout)
         check = self.tmp / "check"
         esmc("check", CIRCLE, "--out", check)
         self.bad(check, "summary.json: there is no such file")

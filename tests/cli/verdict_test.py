@@ -31,6 +31,10 @@ class Verdicts(Case):
                             (["limits.joint_speed=3"], ("error", "limit_crossed", "limits.joint_speed")),
                             (["control.torque_limit=0.1"], ("error", "torque_exceeded", "control.torque_limit")),
                             (["drives.nodes=[0, 1]"], ("warning", "node_zero", "drives.nodes")),
+                            (["command={speed=0.1, acceleration=1, status_ticks=1, telemetry_ticks=20}"], ("warning", "bus_load", "command.telemetry_ticks")),
+                            (["command={speed=0.1, acceleration=1, status_ticks=2, telemetry_ticks=8}"], None),
+                            (['command={speed=0.1, acceleration=1, arm="link", timeout=0}'], ("warning", "unattended", "command.timeout")),
+                            (['command={speed=0.1, acceleration=1, arm="link"}'], None),
                             (["control.law=none", 'effects=[{type="jitter", sigma=1e-4}]'], ("warning", "effect_idle", "effects"))):
             found = self.found(CIRCLE, *values)
             self.assertTrue(found == set() if one is None else one in found, (values, found))

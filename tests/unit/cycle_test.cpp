@@ -164,6 +164,26 @@ TYPED_TEST(ControlCycle, EnablingWaitsForADriveWithErrorsAndAsksAgain) {
   EXPECT_TRUE(rig.until(State::running, 5));
 }
 
+/// An order that is broken off between mode and closed loop leaves an axis idle, which is then told nothing:
+/// the next order begins with the mode, for somebody may have changed it since.
+TYPED_TEST(ControlCycle, AnOrderToEnableBeginsWithTheMode) {
+  for (const Command end : {Command::stop, Command::halt}) {
+    Rig<TypeParam> rig;
+    rig.tick();
+    rig.tick(Command::enable);
+    ASSERT_EQ(rig.count(0, test::cmd_mode), 1);
+    rig.tick(end);
+    ASSERT_TRUE(rig.until(State::disabled, 10));
+    for (int i = 0; i < 50; ++i) rig.tick();
+    rig.tick(Command::enable);
+    for (int axis = 0; axis < 2; ++axis) {
+      EXPECT_EQ(rig.count(axis, test::cmd_mode), 1);
+      EXPECT_FALSE(rig.asked(axis, 8));
+    }
+    EXPECT_TRUE(rig.until(State::running, 40));
+  }
+}
+
 /// Somebody presses the emergency stop before or while the axes are enabled: clearing that error and asking
 /// again, as is right for what was left over from before, would take the stop back.
 TYPED_TEST(ControlCycle, AnEmergencyStopWhileEnablingIsNotClearedAway) {

@@ -169,7 +169,7 @@ TEST(LinkCodec, IdentityIsCheckedWhole) {
   EXPECT_EQ(encode_identity(base, 1, true).data[5], 1);
   const hal::CanFrame f = encode_identity(base, 0x04030201U, false);
   EXPECT_EQ(bytes_of(f, base + 0x1C), (Bytes{1, 2, 3, 4, 1, 0, 0, 0}));
-  EXPECT_EQ(decode_identity(f, base), 0x04030201U);
+  EXPECT_EQ(decode_identity(f, base)->scene, 0x04030201U);
   EXPECT_FALSE(decode_identity(f, base + 32));
   for (int kind = 0; kind < 5; ++kind) {
     hal::CanFrame g = f;

@@ -657,7 +657,7 @@ static_assert(encode_fault_detail(0x780, {.drive_error = 0x01020304}).data[7] ==
 static_assert(encode_parameter_value(0x780, 3, Answer::ok, true, 1.0F).data[7] == 0x3F);
 static_assert(encode_parameter_table(0x780, 0x01020304, 12).data[3] == 1);
 static_assert(encode_identity(0x780, 0x01020304, true).data[3] == 1);
-static_assert(decode_identity(encode_identity(0x780, 0x01020304, true), 0x780) == 0x01020304);
+static_assert(decode_identity(encode_identity(0x780, 0x01020304, true), 0x780)->scene == 0x01020304);
 static_assert(encode_parameter_slots(0x780, {.sequence = 0x01020304}).data[7] == 1);
 static_assert(encode_counters(0x780, {.refused = 0x0102}).data[7] == 1);
 static_assert(encode_capture(0x780, 0x0102, {1, 2, 3, 4, 5, 6}).data[7] == 6);

@@ -115,6 +115,19 @@ TEST(LinkStore, OnlyWhileDisabled) {
   EXPECT_EQ(b.link.parameters().gains(), link_config().parameters.gains());
 }
 
+TEST(LinkStore, NothingIsArmedWhileTheMemoryGoesOnAfterATimeOut) {
+  Memory memory;
+  Stored b(memory);
+  b.listen_and_learn();
+  memory.duration = 3000;
+  EXPECT_EQ(b.order(Desk::store), Outcome::obeyed);
+  for (int i = 0; i < 2000; ++i) b.turn();
+  EXPECT_EQ(b.told(), StoreState::failed);
+  EXPECT_EQ(b.order(Desk::arm), Outcome::refused);
+  for (int i = 0; i < 2000; ++i) b.turn();
+  EXPECT_EQ(b.order(Desk::arm), Outcome::obeyed);
+}
+
 TEST(LinkStore, CheckedLikeEveryOrder) {
   Memory memory;
   Stored b(memory);

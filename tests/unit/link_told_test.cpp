@@ -84,7 +84,7 @@ TEST(Link, WhichSceneItWasMadeOfIsToldAtOnceOnRequestAndWithTheTable) {
   EXPECT_EQ(Desk::word(f, 0, 4), 0x89ABCDEFU);
   EXPECT_EQ(f.data[4], protocol_version);
   EXPECT_EQ(Desk::word(f, 5, 3), 0U);
-  EXPECT_EQ(decode_identity(f, c.base_id), 0x89ABCDEFU);
+  EXPECT_EQ(decode_identity(f, c.base_id)->scene, 0x89ABCDEFU);
   b.tick({b.desk.ask(2)});
   b.settle();
   EXPECT_EQ(b.desk.count(Desk::identity), 2);

@@ -125,12 +125,18 @@ TEST_F(LoopEnds, ThePlantRefusesAControllerOfAnotherScene) {
     ASSERT_EQ(there_.try_send(f), hal::SendStatus::ok);
     EXPECT_EQ(plant.drain(), 0);
   }
-  ASSERT_EQ(there_.try_send(link::encode_identity(base, scene_.identity + 1, false)), hal::SendStatus::ok);
-  try {
-    plant.drain();
-    FAIL() << "not noticed";
-  } catch (const RunError& e) {
-    EXPECT_NE(std::string(e.what()).find("made from another scene"), std::string::npos) << e.what();
+  hal::CanFrame later = link::encode_identity(base, scene_.identity, false);
+  later.data[4] = link::protocol_version + 1;
+  for (const auto& [frame, words] :
+       {std::pair(link::encode_identity(base, scene_.identity + 1, false), "made from another scene"),
+        std::pair(later, "a later esmc is needed")}) {
+    ASSERT_EQ(there_.try_send(frame), hal::SendStatus::ok);
+    try {
+      plant.drain();
+      FAIL() << "not noticed";
+    } catch (const RunError& e) {
+      EXPECT_NE(std::string(e.what()).find(words), std::string::npos) << e.what();
+    }
   }
 }
 
@@ -142,7 +148,7 @@ TEST_F(LoopEnds, TheControllerSaysWhichSceneItWasMadeOf) {
   std::optional<std::uint32_t> said;
   for (hal::CanFrame f; there_.try_receive(f);) {
     if (const auto id = link::decode_identity(f, static_cast<std::uint32_t>(scene_.command->base_id)))
-      said = id;
+      said = id->scene;
   }
   EXPECT_EQ(said, scene_.identity);
 }

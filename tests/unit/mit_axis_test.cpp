@@ -373,6 +373,30 @@ TEST(MitAxis, ADriveThatFallsSilentIsAskedFromTheStart) {
   for (int i = 0; i < 3; ++i) EXPECT_TRUE(only(enable(b), leave)) << "no reply since " << i;
 }
 
+TEST(MitAxis, ADriveThatMayHaveRestartedIsAskedFromTheStart) {
+  const auto restarts = [](MitAxis& a) {
+    const auto quiet = [&] { return a.begin_tick(), enable(a); };
+    const bool was = a.ready();
+    for (int i = 0; i < 2; ++i) EXPECT_TRUE(quiet().empty());
+    EXPECT_EQ(a.ready(), was) << "two replies may be lost";
+    EXPECT_TRUE(only(quiet(), leave));
+    EXPECT_FALSE(a.ready());
+    for (int i = 0; i < 3; ++i) EXPECT_TRUE(quiet().empty()) << "once";
+    hear(a);
+    EXPECT_TRUE(enable(a).empty());
+    hear(a);
+    EXPECT_TRUE(only(enable(a), enter));
+  };
+  MitAxis ready = ready_axis(), asked = axis(), left = axis();
+  restarts(ready);
+  ask(asked);
+  restarts(asked);
+  hear(left);
+  EXPECT_TRUE(only(enable(left), leave));
+  hear(left);
+  restarts(left);
+}
+
 TEST(MitAxis, AnErrorKeepsItOutOfMotorModeAndCountsAgain) {
   MitAxis a = axis();
   hear(a);

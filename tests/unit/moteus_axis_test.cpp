@@ -216,6 +216,36 @@ TEST(MoteusAxis, RefusesToArmByWhatWasReadBack) {
   }
 }
 
+TEST(MoteusAxis, WhatWasReadBackBeforeASilenceDoesNotCount) {
+  for (const bool silent_when_asked : {true, false}) {
+    MoteusAxis a = axis();
+    hear(a, stopped);
+    hear(a, stopped);
+    if (!silent_when_asked) a.enable(send);
+    if (!silent_when_asked) hear(a, armed);
+    if (!silent_when_asked) hear(a, armed);
+    EXPECT_EQ(a.ready(), !silent_when_asked);
+    for (int i = 0; i < 2; ++i) a.begin_tick();
+    if (!silent_when_asked) a.enable(send);
+    EXPECT_EQ(a.ready(), !silent_when_asked) << "two replies may be lost";
+    a.begin_tick();
+    a.enable(send);
+    EXPECT_TRUE(begins(frame(a), stop));
+    hear(a, {.more = "21820205210c00"});  // restarted elsewhere
+    a.enable(send);
+    EXPECT_FALSE(a.config_mismatch());
+    hear(a, {.more = "21820205210c00"});
+    a.enable(send);
+    EXPECT_TRUE(a.config_mismatch());
+    EXPECT_FALSE(a.idle()) << "until disable()";
+    a.disable(send);
+    EXPECT_TRUE(a.idle());
+    hear(a, stopped);
+    a.enable(send);
+    EXPECT_TRUE(begins(frame(a), zero)) << "it has been set up";
+  }
+}
+
 TEST(MoteusAxis, ARelativePositionIsEnoughWhereTheZeroIsConfirmed) {
   MoteusAxis a = axis(false);
   hear(a, {.more = "21820205210c00"});
