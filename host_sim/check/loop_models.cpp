@@ -166,6 +166,7 @@ StateSpace linear_controller(const Scene& with_friction, const Moment& at) {
   Scene scene = with_friction;  // at rest, dry friction that the controller believes in has no slope
   scene.whole = std::make_shared<const Scene>(with_friction);
   scene.model.friction.dry = {};
+  scene.model.ripple_amplitude = {};  // nor is the plant's cogging in linear_plant()
   std::erase_if(scene.effects, [](const Effect& e) { return std::holds_alternative<CoulombFriction>(e); });
   const auto reference = make_reference(scene, Pacing::lockstep);
   const ControllerConfig<M> c = resting_controller<M>(scene, reference);

@@ -14,6 +14,7 @@
 #include "host_sim/record/recorder.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/record/verdict.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host {
 namespace {
@@ -39,23 +40,28 @@ FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
 /// A controller that allocates torques as the scene's does; without a closed loop, of motors without limits.
 template <class M>
 ControllerConfig<M> allocating_controller(const Scene& scene, const ReferenceBundle<double>& reference) {
-  if (scene.closed_loop()) return make_controller<M>(scene, Pacing::lockstep, reference);
   ControllerConfig<M> c;
+  if (scene.closed_loop()) {
+    c = make_controller<M>(scene, Pacing::lockstep, reference);
+    c.torque_limit = torque_given(c);
+    return c;
+  }
   c.torque_limit.setConstant(std::numeric_limits<double>::infinity());
   c.allocate = allocation_for<M>(scene.all_motors ? Motors::all : Motors::base);
   return c;
 }
 
-/// Widens the margins by a pose and the rates of the base joints.
+/// Widens the margins by a pose, its base angles, which count turns, and their rates.
 template <class M>
-void add_motion(const typename M::Pose& pose, const Vec2<double>& rates, Margins& to) {
+void add_motion(const typename M::Pose& pose, const Vec2<double>& base, const Vec2<double>& rates,
+                Margins& to) {
   to.sin_type1 = std::min(to.sin_type1, M::min_abs_sin_type1(pose));
   to.sin_type2 = std::min(to.sin_type2, M::abs_sin_type2(pose));
   to.x.widen(pose.effector.x());
   to.y.widen(pose.effector.y());
   for (std::size_t i = 0; i < 2; ++i) {
     const auto k = static_cast<int>(i);
-    to.angle[i].widen(M::base_angles(pose)[k]);
+    to.angle[i].widen(base[k]);
     to.joint_speed[i] = std::max(to.joint_speed[i], std::abs(rates[k]));
   }
 }
@@ -67,6 +73,11 @@ std::optional<Desired<M>> desired(const M& m, const typename M::Mode& mode, Refe
   return space == ReferenceSpace::effector
              ? desired_at_effector(m, mode, r.position, r.velocity, r.acceleration)
              : desired_at_base(m, mode, r.position, r.velocity, r.acceleration);
+}
+
+template <class M>
+Vec2<double> start_base(const Scene& scene) {
+  return {scene.start_angle[joint_of<M>(0, 2)], scene.start_angle[joint_of<M>(1, 2)]};
 }
 
 template <class World>
@@ -86,6 +97,8 @@ class Follower {
     out_.together = controller_.allocate != nullptr;
     out_.torque.assign(static_cast<std::size_t>(scene.motors()), 0.0);
     out_.drive_short = out_.torque;
+    for (std::size_t i = 0; i < out_.torque.size(); ++i)
+      out_.torque_limit.push_back(controller_.torque_limit[static_cast<int>(joint_of<M>(i, scene.motors()))]);
     drive_.assign(out_.torque.size(), TorqueStage(scene.effects));
     if (const auto gear = find_effect<JointFlexibility>(scene.effects)) {
       rotor_.assign(gear->rotor_inertia.begin(), gear->rotor_inertia.begin() + scene.motors());
@@ -110,9 +123,9 @@ class Follower {
         break;
       }
       if (n == 0) add_start(mode, r, *d);
-      add_motion<M>(d->pose, M::base(d->rates), out_);
-      row_ = {t, d->pose.effector.x(), d->pose.effector.y()};
-      for (int i = 0; i < 2; ++i) row_.push_back(M::base_angles(d->pose)[i]);
+      for (int i = 0; i < 2; ++i) base_[i] = nearest_turn(M::base_angles(d->pose)[i], base_[i]);
+      add_motion<M>(d->pose, base_, M::base(d->rates), out_);
+      row_ = {t, d->pose.effector.x(), d->pose.effector.y(), base_[0], base_[1]};
       add_jump(n, r);
       add_torques(n, d->pose, forces(t, d->pose, d->rates, d->acceleration));
       row_.push_back(M::min_abs_sin_type1(d->pose));
@@ -249,6 +262,7 @@ class Follower {
 
   const Scene& scene_;
   Log& log_;
+  Vec2<double> base_ = start_base<M>(scene_);
   ReferenceBundle<double> bundle_;
   ControllerConfig<M> controller_;
   Reference<double> reference_;
@@ -286,11 +300,7 @@ Margins start_margins(const Scene& scene) {
     using M = typename World::Mechanism;
     const Vec2<double> rates(scene.start_rate[joint_of<M>(0, 2)], scene.start_rate[joint_of<M>(1, 2)]);
     Margins out;
-    add_motion<M>(start_pose(scene, M(params_of<M>(scene.mechanism))), rates, out);
-    for (std::size_t i = 0; i < 2; ++i) {  // not wrapped, as they are measured
-      const double angle = scene.start_angle[joint_of<M>(i, 2)];
-      out.angle[i] = {angle, angle};
-    }
+    add_motion<M>(start_pose(scene, M(params_of<M>(scene.mechanism))), start_base<M>(scene), rates, out);
     return out;
   });
 }

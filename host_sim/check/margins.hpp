@@ -48,6 +48,7 @@ struct Margins {
   double sin_type1 = 1.0, sin_type2 = 1.0;
   std::array<double, 2> joint_speed{};  ///< of the base joints, rad/s
   std::vector<double> torque;           ///< largest per motor, N m
+  std::vector<double> torque_limit;     ///< per motor, N m: what it gives at control.torque_limit
   bool together = false;                ///< four motors share the load
   double share = 0.0, share_t = 0.0;    ///< largest share of torque_limit, and when, s
   std::vector<double> share_torque;     ///< per motor at that time, N m

@@ -41,10 +41,11 @@ Level shortage(const Margins& m) { return m.short_ticks > 0.2 * m.ticks ? Level:
 
 void judge_each(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
-    const double share = m.torque[i] / s.torque_limit[i];
-    const std::string text =
-        fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m", i + 1,
-                    m.torque[i], s.torque_limit[i]);
+    const double share = m.torque[i] / m.torque_limit[i];
+    std::string text = fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m",
+                                   i + 1, m.torque[i], s.torque_limit[i]);
+    if (m.torque_limit[i] != s.torque_limit[i])
+      text += fmt::format(", at which it gives {:.3g} N m (control.model)", m.torque_limit[i]);
     if (!(share <= 1.0)) {
       f.add(shortage(m), Code::torque_exceeded, torque_key, "{}", text);
     } else if (share > much) {
@@ -54,11 +55,11 @@ void judge_each(const Scene& s, const Margins& m, Findings& f) {
 }
 
 /// Four motors share the load: only their sum can be too small.
-void judge_together(const Scene& s, const Margins& m, Findings& f) {
+void judge_together(const Margins& m, Findings& f) {
   if (!(m.share <= 1.0)) {
     std::vector<std::size_t> held;
     for (std::size_t i = 0; i < m.share_torque.size(); ++i) {
-      if (!(std::abs(m.share_torque[i]) < s.torque_limit[i] * (1.0 - 1e-9))) held.push_back(i + 1);
+      if (!(std::abs(m.share_torque[i]) < m.torque_limit[i] * (1.0 - 1e-9))) held.push_back(i + 1);
     }
     std::string names = fmt::format("{}", fmt::join(held, ", "));
     if (const std::size_t last = names.rfind(", "); last != std::string::npos)
@@ -212,7 +213,7 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
   judge_limits(s, m, false, f);
   judge_preload(s, m, f);
   if (m.together)
-    judge_together(s, m, f);
+    judge_together(m, f);
   else
     judge_each(s, m, f);
   judge_drives(s, m, f);

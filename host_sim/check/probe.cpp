@@ -9,6 +9,7 @@
 #include "host_sim/controller/controller_config.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/plant/system.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host {
 namespace {
@@ -158,6 +159,10 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
     auto from = moment_at(scene, std::clamp(at, join + 1, last - each), m.tick_speed);
     if (!from) continue;
     for (double& rate : from->rate) rate *= push;
+    for (std::size_t k = 0; k < 2; ++k) {  // on the turn of the reference
+      double& base = from->angle[k * from->angle.size() / 2];
+      base = nearest_turn(base, 0.5 * (m.angle[k].low + m.angle[k].high));
+    }
     out.push_back(run_part(part_of(scene, *from, each), from->tick, typical));
   }
   return out;

@@ -294,6 +294,8 @@ int run_to_accuracy(Scene scene, const RunOptions& o) {
   }
   RunOptions quiet = o;
   quiet.out.clear();
+  quiet.mcap.clear();
+  quiet.log = {};
   quiet.again = {};
   quiet.capture = nullptr;
   const AccuracyReport report = meet_accuracy(scene, World::Plant::outputs, [&](const Scene& s, bool) {

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "host_sim/plan/limits.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host::plan {
 
@@ -34,8 +35,7 @@ class WayGuard {
     if (!turns_) return;
     const Vec2<double> wrapped = M::base_angles(pose);
     for (int k = 0; k < 2; ++k) {
-      constexpr double turn = 2.0 * std::numbers::pi;
-      base_[k] = wrapped[k] + turn * std::round((base_[k] - wrapped[k]) / turn);
+      base_[k] = nearest_turn(wrapped[k], base_[k]);
       if (c.limits.joint_angle[static_cast<std::size_t>(k)].contains(base_[k])) continue;
       throw Refused(move(), "to", "leads beyond limits.joint_angle at {}: base joint {} at {:.4g} rad",
                     place_text(pose.effector), k + 1, base_[k]);

@@ -350,7 +350,12 @@ class Planner {
       const double begin = now_ + piece.begin, ticks = std::ceil(begin / p_.tick - 1e-9);
       const PathSegment<double> segment{static_cast<std::uint32_t>(std::min(ticks, most_ticks)),
                                         std::max(0.0, ticks * p_.tick - begin), piece.curve};
-      if (!out_.path.empty() && out_.path.back().start_tick == segment.start_tick) out_.path.pop_back();
+      if (!out_.path.empty() && out_.path.back().start_tick == segment.start_tick) {
+        Quintic<double> rest;  // before the first one the path holds where the next one begins
+        rest.c[0] = out_.path.back().curve.c[0];
+        out_.path.pop_back();
+        if (out_.path.empty() && segment.start_tick > 0) out_.path.push_back({0, 0.0, rest});
+      }
       out_.path.push_back(segment);
     }
     for (const Piece& piece : stretch_->pieces)  // a blend is halved between its moves

@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "host_sim/plan/piece.hpp"
 #include "host_sim/plan/problem.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host::plan {
 
@@ -125,9 +125,7 @@ class Route {
   }
   /// The turn of each base angle that is nearest to where the base joints are.
   void unwrap(const Vec2<double>& wrapped) {
-    for (int i = 0; i < 2; ++i)
-      base_[i] = wrapped[i] +
-                 2.0 * std::numbers::pi * std::round((base_[i] - wrapped[i]) / (2.0 * std::numbers::pi));
+    for (int i = 0; i < 2; ++i) base_[i] = nearest_turn(wrapped[i], base_[i]);
   }
 
   void add(std::size_t i) {

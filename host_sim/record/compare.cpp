@@ -58,7 +58,7 @@ Json read_summary(const std::string& directory) {
 /// Numbers of a summary by their path, without those of the wall clock and the state, which the log has.
 void metrics_of(const Json& j, const std::string& name, std::map<std::string, double>& out) {
   static const std::set<std::string> left_out{
-      "wall_s", "real_time_factor", "late_ticks", "final_state", "seed", "schema"};
+      "wall_s", "real_time_factor", "cpu_s", "late_ticks", "final_state", "seed", "schema"};
   for (const auto& [key, value] : j.items()) {
     if (left_out.contains(key)) continue;
     const std::string path = name.empty() ? key : name + "." + key;

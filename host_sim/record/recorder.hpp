@@ -14,6 +14,7 @@
 #include "host_sim/plant/motion.hpp"
 #include "host_sim/record/log.hpp"
 #include "host_sim/record/summary.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host {
 
@@ -130,6 +131,7 @@ class ReferenceTrack {
               !scene.predictor),
         true_lengths_(same_lengths(believed_mechanism(scene), scene.mechanism)) {}
 
+  [[nodiscard]] bool at_effector() const { return joined_.reference().space == ReferenceSpace::effector; }
   [[nodiscard]] bool present() const { return present_; }  ///< there is one, and its beginning is known
   [[nodiscard]] const ReferenceBundle<double>& bundle() const { return *bundle_; }
   /// Makes Point::base 0 from now on, for good.
@@ -141,22 +143,20 @@ class ReferenceTrack {
 
   /// Sets the state of the mechanism at t = 0: m and m/s, rad and rad/s. Call before at().
   void start(V2 effector, V2 velocity, const std::array<double, 2>& base, const std::array<double, 2>& rate) {
-    const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
-    joined_.start(at_effector ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
-                  at_effector ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
+    joined_.start(at_effector() ? Vec2<double>(effector.x, effector.y) : Vec2<double>(base[0], base[1]),
+                  at_effector() ? Vec2<double>(velocity.x, velocity.y) : Vec2<double>(rate[0], rate[1]));
   }
   /// Returns the reference at a tick. Empty: out of reach. `solved`: a controller's tick, whose inverse
   /// kinematics of the same point with the true lengths is reused.
   [[nodiscard]] std::optional<Point> at(std::uint32_t tick, const TickResult<M>* solved = nullptr) const {
-    const bool at_effector = joined_.reference().space == ReferenceSpace::effector;
     const bool followed =
-        solved != nullptr && true_lengths_ && at_effector && solved->state == State::running;
+        solved != nullptr && true_lengths_ && at_effector() && solved->state == State::running;
     if (same_ && followed && solved->running_tick == tick) {
       const Vec2<double> base = with_base_ ? solved->desired_base() : Vec2<double>(0, 0);
       return Point{{solved->desired_effector.x(), solved->desired_effector.y()}, {base[0], base[1]}};
     }
     const Motion2<double> m = joined_.at(tick);
-    if (at_effector) {
+    if (at_effector()) {
       if (followed && solved->desired_effector == m.position) {
         const Vec2<double> base = with_base_ ? solved->desired_base() : Vec2<double>(0, 0);
         return Point{{m.position.x(), m.position.y()}, {base[0], base[1]}};
@@ -314,7 +314,11 @@ class Recorder {
     row_.insert(row_.end(), r.torque.begin(), r.torque.end());
     row_.push_back(reference ? reference->effector.x : none);
     row_.push_back(reference ? reference->effector.y : none);
-    for (std::size_t i = 0; i < 2; ++i) row_.push_back(reference ? reference->base[i] : none);
+    for (std::size_t i = 0; i < 2; ++i) {  // of a point: on the turn on which the joint is
+      const double base = reference ? reference->base[i] : none;
+      const double joint = World::angle(o, static_cast<int>(i) * M::joints / 2);
+      row_.push_back(track_.at_effector() && std::isfinite(joint) ? nearest_turn(base, joint) : base);
+    }
     if (Plant::outputs == 6) row_.insert(row_.end(), {o.qd[0], o.qd[1]});
     for (int i = 0; i < M::joints; ++i) row_.push_back(World::rate(o, i));
     const char* state = "";

@@ -169,6 +169,13 @@ void merge(toml::table& into, toml::table&& from, const std::string& above = "")
   for (auto&& [k, node] : from) {
     const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
     if (above == "mechanism") split_legs(into, key, node);
+    if (toml::array* legs =
+            above == "mechanism" && key == "leg" && node.is_table() ? into["legs"].as_array() : nullptr) {
+      for (toml::node& one : *legs) {
+        if (one.is_table()) merge(*one.as_table(), toml::table(*node.as_table()), name);
+      }
+      continue;
+    }
     if (toml::array* list = into.contains(key) ? into[key].as_array() : nullptr;
         list != nullptr && (numbered(node) || typed(node))) {
       merge_entries(*list, std::move(*node.as_table()), name);

@@ -13,6 +13,7 @@
 #include "host_sim/record/recording.hpp"
 #include "host_sim/report/study_page.hpp"
 #include "host_sim/studies/studies.hpp"
+#include "host_sim/turns.hpp"
 
 namespace esmc::host {
 namespace {
@@ -103,9 +104,7 @@ class PlanReport {
       if (!d) break;
       const Vec2<double> wrapped = M::base_angles(d->pose), rate = M::base(d->rates),
                          acc = M::base(d->acceleration);
-      for (int i = 0; i < 2; ++i)
-        base[i] = wrapped[i] +
-                  2.0 * std::numbers::pi * std::round((base[i] - wrapped[i]) / (2.0 * std::numbers::pi));
+      for (int i = 0; i < 2; ++i) base[i] = nearest_turn(wrapped[i], base[i]);
       std::vector<double> row{
           t,       m.position[0], m.position[1],     base[0],           base[1], m.velocity[0], m.velocity[1],
           rate[0], rate[1],       m.acceleration[0], m.acceleration[1], acc[0],  acc[1]};

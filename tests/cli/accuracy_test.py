@@ -3,7 +3,7 @@
 usage: accuracy_test.py ESMC"""
 import math
 
-from command import SCENES, Case, esmc, main, read_table, sets
+from command import CIRCLE, SCENES, Case, esmc, main, read_table, sets
 
 ARM = ['control.law=none', 'reference={type="hold"}', "initial.joints=[0.3,0.7]", "simulation.duration=1"]
 FRICTION = '{type="coulomb_friction",torque=[0.5,0.2]}'
@@ -100,6 +100,8 @@ class Accuracy(Case):
         self.assertLessEqual(run["accuracy"]["estimated"], 1e-6)
         fine = self.run_sim("five_bar_circle.toml", "simulation.duration=0.2", "simulation.step=1e-5", command="hil")
         self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
+        npy = esmc("hil", CIRCLE, "--out", self.tmp / "npy", "--log", "npy", "--log-every", "7", *sets("simulation.duration=0.2", "simulation.accuracy=1e-4"))
+        self.assertEqual((npy.returncode, (self.tmp / "npy" / "log.npy").exists()), (0, True), npy.stderr)
         self.fails("five_bar_circle.toml", "simulation.accuracy=1e-7", word="32-bit", command="hil")
         self.fails("five_bar_circle.toml", "simulation.accuracy_of=end", word="needs 'accuracy'", code=2)
 

@@ -5,7 +5,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from command import FRICTION, esmc, main, read_table, sets
+from command import CIRCLE, FRICTION, esmc, main, read_table, sets
 
 
 class Compare(unittest.TestCase):
@@ -27,6 +27,9 @@ class Compare(unittest.TestCase):
         j = self.compare("a", "same")
         self.assertEqual((j["within"], j["scene"], j["log"]["first_difference"], j["log"]["largest_difference"]), (True, [], None, None))
         self.assertEqual(esmc("compare", self.tmp / "a", self.tmp / "same").stdout, "within 0\n")
+        for name in ("accurate", "as_accurate"):
+            self.assertEqual(esmc("sim", CIRCLE, "--out", self.tmp / name, *sets("simulation.duration=0.2", "simulation.accuracy=1e-4")).returncode, 0)
+        self.assertTrue(self.compare("accurate", "as_accurate")["within"])
 
     def test_differences_are_those_of_the_files(self):
         j = self.compare("a", "b", code=1)

@@ -151,6 +151,23 @@ class Plan(Case):
             self.assertLessEqual(max(abs(b["tau11"]), abs(b["tau21"])), 1.5 * (1 + 1e-9))
         self.assertEqual((rows[0]["x"], rows[0]["xd"]), (-0.1, 0.0))
 
+    def test_motors_give_what_the_controller_believes(self):
+        whole, weak = (self.plan(PROGRAM, "--set", f"control.model.torque_factor={f}") for f in (1.0, 0.7))
+        self.assertGreater(weak["duration_s"], 1.05 * whole["duration_s"])
+        same = self.plan(PROGRAM, "--set", "control.torque_limit=%.17g" % (0.7 * 1.5))
+        self.assertAlmostEqual(weak["duration_s"], same["duration_s"], delta=1e-9)
+        four = esmc("plan", PROGRAM, *("--set", "control.motors=all", "--set", 'effects=[{type="torque_saturation", limit=0.4}]'))
+        self.assertEqual(four.returncode, 2)
+        self.assertIn("'control.torque_limit' must be at most 0.4 N m for every motor", four.stderr)
+
+    def test_a_dwell_at_the_beginning_is_at_the_start(self):
+        for rate, time in ((500, 0.0502), (250, 0.05), (1000, 0.05)):
+            moves = [f'move = "dwell"\ntime = {time}', 'move = "line"\nto = [0.05, 0.17]\nspeed = 0.2', 'move = "line"\nto = [-0.05, 0.17]']
+            self.plan(self.scene(FIVE_BAR + program(moves, "[-0.05, 0.17]", "repeat = true")), "--out", self.tmp / f"{rate}", "--set", f"control.rate_hz={rate}")
+            rows = read_table(self.tmp / f"{rate}" / "path.csv")
+            for row in rows[:int(time * rate)]:
+                self.assertAlmostEqual(float(row["x"]), -0.05, delta=1e-12)
+
     def test_every_command_runs_a_program(self):
         check = json.loads(esmc("check", PROGRAM, "--json").stdout)
         self.assertNotEqual(check["verdict"], "unfit", check["findings"])

@@ -66,6 +66,9 @@ class Scenes(Case):
         self.assertEqual(of("mechanism.legs.1.l1=0.121"), self.runs(two)["digest"])
         self.assertEqual(self.runs(two, "mechanism.legs.1.l1=0.12")["digest"], of())
         self.assertNotEqual(of("mechanism.legs.2.l1=0.121"), of("mechanism.legs.1.l1=0.121"))
+        both = [self.runs(CIRCLE, *order)["digest"] for order in (("mechanism.leg.m2=0.09", "mechanism.legs.2.J1=3e-4"), ("mechanism.legs.2.J1=3e-4", "mechanism.leg.m2=0.09"))]
+        self.assertEqual(both[0], both[1])
+        self.assertNotEqual(both[0], of("mechanism.legs.2.J1=3e-4"))
         self.says(CIRCLE, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
         self.says(CIRCLE, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])
         friction = 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'
@@ -76,6 +79,10 @@ class Scenes(Case):
                                  ('effects=[{type="viscous_friction", coefficient=0.01}]', 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'),
                                  ('effects=[{type="coulomb_friction", torque=0.02}]', 'effects=[{type="coulomb_friction", torque=[0.02, 0.02]}]')):
             self.assertEqual(self.runs(CIRCLE, one)["digest"], self.runs(CIRCLE, all_of_them)["digest"])
+        sine = 'reference={type="joint_sine", offset=%s, amplitude=[0.1, 0.1], omega=%s}'
+        stops = 'effects=[{type="end_stops", lower=%s, upper=%s}]'
+        for one, all_of_them in ((sine % (1.0, 3), sine % ([1.0, 1.0], [3, 3])), (stops % (-3, 3), stops % ([-3, -3], [3, 3]))):
+            self.assertEqual(self.runs(ARM, one)["digest"], self.runs(ARM, all_of_them)["digest"])
         self.says(CIRCLE, "reference.center=0.1", words=["'reference.center' must be 2 numbers"])  # of a point
 
     def test_help_and_version(self):

@@ -292,6 +292,37 @@ class Verdicts(Case):
             self.assertIn(("hint", "units_suspicious", key), found)
         self.assertNotIn("units_suspicious", {code for _, code, _ in self.found(CIRCLE, "reference.phase=6.2", "mechanism.leg.lg1=0.12")})
 
+    def test_angles_of_an_arm_that_points_left_count_turns(self):
+        circle = ('reference={type="circle", center=[-0.336, -0.251], radius=0.1, speed=0.3, join=0.3}', "simulation.duration=3.0", "control.torque_limit=[15, 6]",
+                  "mechanism.gravity=0", "control.lambda=30", "control.gain=80")
+        turns = ('reference={type="joint_sine", offset=[4.0, 1.2], amplitude=[0.5, 0.2], omega=[3.0, 4.0]}', "simulation.duration=2.0", *circle[2:])
+        for name, values, angle in (("circle", circle, None), ("sine", turns, [[3, 5], [0, 3]])):
+            run = self.tmp / name
+            first = esmc("sim", ARM, "--out", run, *sets(*values))
+            self.assertEqual(first.returncode, 0, first.stderr)
+            rows = [{k: float(v) for k, v in r.items() if k.startswith("theta")} for r in read_table(run / "log.csv")]
+            self.assertTrue(any(abs(r["theta1"]) > math.pi for r in rows))
+            self.assertLess(max(abs(r["theta1"] - r["theta1_ref"]) for r in rows[400:]), 0.1, "on the same turn")
+            low, high = min(r["theta1"] for r in rows), max(r["theta1"] for r in rows)
+            for limits, fit in ((angle or [[low - 0.1, high + 0.1], [-3, 3]], True), ([[low + 0.1, high + 0.1], [-3, 3]], False)):
+                stops = 'effects=[{type="end_stops", lower=[%g, -3], upper=[%g, 3]}]' % tuple(limits[0])
+                for values_too in ([f"limits.joint_angle={limits}"], [stops]):
+                    found = self.found(ARM, *values, *values_too)
+                    self.assertEqual(not any(level == "error" for level, *_ in found), fit, (name, limits, found))
+
+    def test_cogging_that_the_controller_compensates_is_no_spring(self):
+        ring = ("control.law=ctc", "control.lambda=20", "reference.join=0.3", 'effects=[{type="torque_ripple", amplitude=0.02, per_turn=84}]')
+        known = (*ring, "control.model={ripple={amplitude=0.02, per_turn=84}}")
+        self.assertNotIn("loop_rings", {code for _, code, _ in self.found(CIRCLE, *known)})
+        one, both = (json.loads(esmc("margins", CIRCLE, "--json", *sets(*v)).stdout) for v in (ring, known))
+        self.assertTrue(one["stable"] and both["stable"])
+        self.assertAlmostEqual(one["gain_margin"] / both["gain_margin"], 1.0, delta=1e-6)
+
+    def test_a_weak_motor_has_less_to_give(self):
+        for factor, code in ((1.0, None), (1.3, None), (0.5, "torque_margin"), (0.3, "torque_exceeded")):
+            found = {c for _, c, _ in self.found(CIRCLE, f"control.model={{torque_factor={factor}}}", "control.torque_limit=0.8", "reference.join=0.3")}
+            self.assertEqual(found & {"torque_margin", "torque_exceeded"}, {code} - {None}, factor)
+
     def test_homing_that_a_slow_loop_cannot_stop(self):
         homing = ('drives.zero="end_stop"', "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.5, -0.5]", "drives.homing_torque=[1.0, 1.0]", 'command={arm="link", speed=0.5, acceleration=5.0}')
         for rate, gravity, sinks in ((1000, 9.8, False), (500, 9.8, False), (250, 9.8, True), (100, 9.8, True), (25, 9.8, True), (25, 0.0, False)):
