@@ -32,7 +32,7 @@ class Verdicts(Case):
                             (["control.torque_limit=0.1"], ("error", "torque_exceeded", "control.torque_limit")),
                             (["drives.nodes=[0, 1]"], ("warning", "node_zero", "drives.nodes")),
                             (["command={speed=0.1, acceleration=1, status_ticks=1, telemetry_ticks=20}"], ("warning", "bus_load", "command.telemetry_ticks")),
-                            (["command={speed=0.1, acceleration=1, status_ticks=2, telemetry_ticks=8}"], None),
+                            (["command={speed=0.1, acceleration=1}"], None),
                             (['command={speed=0.1, acceleration=1, arm="link", timeout=0}'], ("warning", "unattended", "command.timeout")),
                             (['command={speed=0.1, acceleration=1, arm="link"}'], None),
                             (["control.law=none", 'effects=[{type="jitter", sigma=1e-4}]'], ("warning", "effect_idle", "effects"))):
@@ -315,11 +315,11 @@ class Verdicts(Case):
         known = (*ring, "control.model={ripple={amplitude=0.02, per_turn=84}}")
         self.assertNotIn("loop_rings", {code for _, code, _ in self.found(CIRCLE, *known)})
         one, both = (json.loads(esmc("margins", CIRCLE, "--json", *sets(*v)).stdout) for v in (ring, known))
-        self.assertTrue(one["stable"] and both["stable"])
-        self.assertAlmostEqual(one["gain_margin"] / both["gain_margin"], 1.0, delta=1e-6)
+        self.assertEqual([(p["stable"], p["gain_margin"]) for p in one["poses"]], [(p["stable"], p["gain_margin"]) for p in both["poses"]])
+        self.assertTrue(both["poses"] and all(p["stable"] for p in both["poses"]))
 
     def test_a_weak_motor_has_less_to_give(self):
-        for factor, code in ((1.0, None), (1.3, None), (0.5, "torque_margin"), (0.3, "torque_exceeded")):
+        for factor, code in ((1.0, None), (1.3, None), (0.8, "torque_margin"), (0.5, "torque_exceeded")):
             found = {c for _, c, _ in self.found(CIRCLE, f"control.model={{torque_factor={factor}}}", "control.torque_limit=0.8", "reference.join=0.3")}
             self.assertEqual(found & {"torque_margin", "torque_exceeded"}, {code} - {None}, factor)
 
