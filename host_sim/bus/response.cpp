@@ -121,17 +121,28 @@ void add_link(const CommandScene& c, int motors, double tick, double bits_per_s,
     add("stream position", 0x02, 1);
     add("stream velocity", 0x03, 1);
   }
+  const std::size_t sent = out.size();
   add("status", 0x10, c.status_ticks);
   add("table", 0x14, std::max(1.0, bits_per_s / tick / table_frames));
   const double ticks = c.telemetry_ticks;
   add("telemetry", 0x16, ticks > 0.0 ? std::max(1.0, ticks / (2 + motors)) : 0.0);
+  for (std::size_t i = sent; i < out.size(); ++i) out[i].in_turn = true;
+}
+
+/// Bits that a tick brings at most, but for those of a babbling node: of the link one frame.
+double bits_of_tick(const std::vector<BusMessage>& all) {
+  double own = 0.0, link = 0.0;
+  for (const BusMessage& m : all) {
+    if (m.in_turn) link = std::max(link, static_cast<double>(m.bits));
+    if (!m.in_turn && m.name != "babbling_node") own += m.bits;
+  }
+  return own + link;
 }
 
 /// All frames of a tick, one after the other, with those of a babbling node between them. Empty: they do not
 /// fit in a tick.
 std::optional<double> whole_tick(const std::vector<BusMessage>& all, double tick) {
-  double own = 0.0;
-  for (const BusMessage& m : all) own += m.name == "babbling_node" ? 0.0 : m.bits;
+  const double own = bits_of_tick(all);
   if (own > tick) return std::nullopt;
   return fixed_point(own, tick, [&](double w) {
     double bits = own;
@@ -233,13 +244,13 @@ BusAnalysis analyse_bus(const Scene& scene) {
   std::vector<BusMessage> all = bus_messages(scene);
   const double bit = 1.0 / scene.bitrate;
   BusAnalysis out;
-  double frames = 0.0, foreign = 0.0;
+  const double frames = bits_of_tick(all);
+  double foreign = 0.0;
   for (const BusMessage& m : all) {
     out.load += m.bits / m.period;
     if (m.name == "babbling_node") foreign += m.bits / m.period;
     if (scene.drives.protocol == Protocol::cia402 && (m.role == Role::sample || m.name == "sync"))
       out.answers_s += m.bits * bit;
-    if (m.name != "babbling_node") frames += m.bits;
   }
   const auto whole = whole_tick(all, scene.tick() * scene.bitrate);
   out.rate_max_hz = std::floor(std::max(0.0, 1.0 - foreign) / (frames * bit));

@@ -28,6 +28,7 @@ struct BusMessage {
   double period = 0.0;
   double jitter = 0.0;  ///< how much later than periodically it may be asked for
   Role role = Role::other;
+  bool in_turn = false;  ///< of these the controller sends one in a tick at most
 };
 
 /// Longest time, in bit times, from the nominal request of a message (jitter included) to the end of its
