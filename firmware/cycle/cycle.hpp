@@ -221,7 +221,7 @@ class Cycle {
     if (!supervisor_.powered()) {
       for (std::uint32_t& age : silent_ticks_) age += age < drive::age_max ? 1U : 0U;
     }
-    link_.begin_tick();
+    if (link_.active()) link_.begin_tick();
     opened_ = true;
     taken_ = 0;
   }

@@ -43,7 +43,7 @@ class CommandLink {
   void begin_tick() {
     ++tick_;
     if (grace_ > 0) --grace_;
-    if (armed() || tick_ % session_ticks != 0) return;
+    if (tick_ % session_ticks != 0 || armed()) return;
     next_session();
     grace_ = config_.command_age_ticks_max;
     status_due_ = true;
