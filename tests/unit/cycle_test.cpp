@@ -176,7 +176,7 @@ TYPED_TEST(ControlCycle, AnOrderToEnableBeginsWithTheMode) {
     ASSERT_TRUE(rig.until(State::disabled, 10));
     for (int i = 0; i < 50; ++i) rig.tick();
     rig.tick(Command::enable);
-    for (int axis = 0; axis < 2; ++axis) {
+    for (const std::size_t axis : {0U, 1U}) {
       EXPECT_EQ(rig.count(axis, test::cmd_mode), 1);
       EXPECT_FALSE(rig.asked(axis, 8));
     }
