@@ -262,8 +262,9 @@ class Controller {
       return !config_.allocate(config_, d.pose, force, torque);
     }
     const Vec2<S> torque = config_.mechanism.base_torque(d.pose, force);
+    const Vec<S, M::joints> most = config_.torque_given();
     for (int i = 0; i < 2; ++i) {
-      if (!within(torque[i], config_.torque_limit[Config::joint_of(i, 2)])) return false;
+      if (!within(torque[i], most[Config::joint_of(i, 2)])) return false;
     }
     return true;
   }

@@ -46,7 +46,7 @@ struct ControllerConfig {
   std::uint32_t setpoint_jerk_ticks = 0;  ///< length of MovingAverage for set points; 0: none
   Motors motors = Motors::base;
   Sensors sensors = Sensors::base;
-  /// N m, |preload| <= torque_limit; four motors only: see allocate_within.
+  /// N m, |preload| <= torque_given(); four motors only: see allocate_within.
   Vec<S, M::joints> preload = Vec<S, M::joints>::Zero();
   /// Optional part, part::four_motors: forces on the channels to torques of all motors; true: limited. Null:
   /// the base motors give all torque.
@@ -67,6 +67,13 @@ struct ControllerConfig {
   MotorMap<S, M::joints> motor_map{};
   MotorPart<M> correct = nullptr;  ///< part::motor_map; null: motors give the commanded torque
 
+  /// Largest torque, N m at the joint, that each motor gives within torque_limit, as the model has it.
+  [[nodiscard]] Vec<S, M::joints> torque_given() const {
+    Vec<S, M::joints> out;
+    for (int i = 0; i < M::joints; ++i)
+      out[i] = torque_limit[i] * motor_map.factor[i] - magnitude(motor_map.amplitude[i]);
+    return out;
+  }
   /// Number of joints with a motor; sensor_count(): with an encoder.
   [[nodiscard]] constexpr int motor_count() const { return motors == Motors::base ? 2 : M::joints; }
   [[nodiscard]] constexpr int sensor_count() const { return sensors == Sensors::base ? 2 : M::joints; }

@@ -11,7 +11,7 @@ bool four_motors(const ControllerConfig<M>& c, const typename M::Pose& p, const 
                  Vec<typename M::Scalar, M::joints>& torque) {
   using S = typename M::Scalar;
   const BoxAllocation<S> a =
-      allocate_all_within(c.mechanism, p, w, c.torque_weight, c.torque_limit, c.preload);
+      allocate_all_within(c.mechanism, p, w, c.torque_weight, c.torque_given(), c.preload);
   torque = a.torque;
   return a.force < S(1);
 }

@@ -141,6 +141,7 @@ class MoteusAxis {
       refuse(moteus::reg::home_state);
     } else {
       want(true);
+      refused_ = moteus::no_register;
       release_pending_ = true;
       wait_ticks_ = retry_ticks_;
     }

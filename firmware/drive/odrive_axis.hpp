@@ -138,7 +138,7 @@ class OdriveAxis {
   /// Call when an order to enable begins: the next enable() begins with the controller mode and reads back
   /// anew, for an earlier order may have been broken off between them, and the axis changed since.
   void begin_enabling() {
-    if (step_ != Step::request) return;
+    if (step_ != Step::request && step_ != Step::configure) return;
     step_ = Step::configure;
     read_back_.restart();
   }

@@ -144,7 +144,8 @@ class CommandLink {
   Outcome judge(const hal::CanFrame& f, std::uint8_t m) {
     if (f.size != 8 || f.remote || f.fd) return Outcome::malformed;
     const auto message = static_cast<Message>(m);
-    if (!intact(f, session_) && !(waited_ticks_ < grace_ && intact(f, before(session_)))) {
+    const bool of_before = !intact(f, session_) && waited_ticks_ < grace_ && intact(f, before(session_));
+    if (!of_before && !intact(f, session_)) {
       return message == Message::command && intact(f, any_session) ? without_session(f) : Outcome::bad_crc;
     }
     const bool in_order = ahead(m, counter_of(f));
@@ -154,7 +155,7 @@ class CommandLink {
       const auto c = decode_command(f);
       if (!c) return Outcome::malformed;
       // An order that takes torque away needs no counter.
-      return in_order || takes_away(c->order) ? order(*c) : Outcome::bad_counter;
+      return in_order || takes_away(c->order) ? order(*c, of_before) : Outcome::bad_counter;
     }
     if (!in_order) return Outcome::bad_counter;
     switch (message) {
@@ -189,7 +190,8 @@ class CommandLink {
     return order(*c);
   }
 
-  Outcome order(const CommandFrame& c) {
+  /// `of_before`: it has the session before, so its Status must have had that one, too.
+  Outcome order(const CommandFrame& c, bool of_before = false) {
     if (c.percent > (c.order == Order::override ? 100 : 0)) return Outcome::malformed;
     if (c.order == Order::none) return Outcome::obeyed;
     if (takes_away(c.order)) {
@@ -201,6 +203,7 @@ class CommandLink {
     }
     const auto age = static_cast<std::uint16_t>(tick_ - c.tick);
     if (age + waited_ticks_ > config_.command_age_ticks_max) return Outcome::refused;
+    if (of_before && age <= config_.command_age_ticks_max - grace_) return Outcome::refused;
     if (request_.command != Command::none) return Outcome::refused;
     const bool disabled = state_ == State::disabled;
     switch (c.order) {

@@ -261,6 +261,7 @@ BusAnalysis analyse_bus(const Scene& scene) {
   for (const BusMessage& m : all) {
     auto r = latest || m.role != Role::command ? response_time(all, m) : std::nullopt;
     if (r) r = *r - m.jitter;
+    if (r && whole && m.role != Role::other) r = std::min(*r, *whole);  // as for settle_jitter()
     if (m.role == Role::command) {
       bounded = bounded && r.has_value();
       slowest = std::max(slowest, r.value_or(0.0));

@@ -140,7 +140,7 @@ void judge_link(const Scene& scene, Findings& f) {
     f.warning(
         Code::bus_load, "command.telemetry_ticks",
         "the link sends one frame in a tick at most; Status every {} and {:g} frames of telemetry every "
-        "{} ticks are {:.3g}: both come less often",
+        "{} ticks are {:.3g} in a tick: Status, or both, come less often",
         c.status_ticks, set, c.telemetry_ticks, frames);
   if (c.arm_by_link && c.timeout == 0.0)
     f.warning(Code::unattended, "command.timeout",

@@ -43,7 +43,7 @@ ControllerConfig<M> allocating_controller(const Scene& scene, const ReferenceBun
   ControllerConfig<M> c;
   if (scene.closed_loop()) {
     c = make_controller<M>(scene, Pacing::lockstep, reference);
-    c.torque_limit = torque_given(c);
+    c.torque_limit = c.torque_given();
     return c;
   }
   c.torque_limit.setConstant(std::numeric_limits<double>::infinity());
@@ -239,7 +239,10 @@ class Follower {
       row_.push_back(torque);
       if (most) out_.share_torque.push_back(torque);
       bool clipped = false;
-      (void)drive_[i](torque, scene_.tick(), clipped);
+      const auto joint = static_cast<int>(joint_of<M>(i, scene_.motors()));
+      const auto& map = controller_.motor_map;
+      const double asked = (torque + std::copysign(map.amplitude[joint], torque)) / map.factor[joint];
+      (void)drive_[i](asked, scene_.tick(), clipped);
       if (clipped) out_.drive_short[i] = std::max(out_.drive_short[i], std::abs(torque));
       short_of = short_of || clipped;
       if (i >= out_.preload.size() || scene_.preload[i] == 0.0) continue;

@@ -143,7 +143,8 @@ void judge_stops(const Scene& s, const Extent& angle, std::size_t i, bool start,
   const auto stops = find_effect<EndStops>(s.effects);
   if (!stops || !angle.beyond({stops->lower[i], stops->upper[i]})) return;
   const double depth = std::max(angle.high - stops->upper[i], stops->lower[i] - angle.low);
-  const bool yields = stops->stiffness && *stops->stiffness * depth <= s.torque_limit[i];
+  const bool yields = stops->stiffness && !s.torque_limit.empty() &&
+                      *stops->stiffness * depth <= s.torque_limit[i * s.torque_limit.size() / 2];
   f.add(yields ? Level::warning : Level::error, Code::limit_crossed, "effects",
         "base joint {} {}, {:.3g} rad beyond end_stops from {:g} to {:g}", i + 1,
         start ? fmt::format("starts at {:.3g} rad", angle.low)

@@ -107,13 +107,6 @@ typename M::Mode mode_of(const Scene& s) {
 template <class M>
 ControllerConfig<M> controller_without_design(const Scene& scene, Pacing pacing,
                                               const ReferenceBundle<typename M::Scalar>& reference);
-/// Largest torque of each motor, N m at its joint, that the controller gets without a clamp, as it believes
-/// in its motors: torque_limit times torque_factor, less the amplitude of the ripple.
-template <class M>
-[[nodiscard]] Vec<typename M::Scalar, M::joints> torque_given(const ControllerConfig<M>& c) {
-  using S = typename M::Scalar;
-  return (c.torque_limit.cwiseProduct(c.motor_map.factor) - c.motor_map.amplitude.cwiseAbs()).cwiseMax(S(0));
-}
 /// For explicit instances of templates on the mechanism: `instance` of each one in each scalar type.
 #define ESMC_EACH_CONTROLLER(instance) \
   instance(FiveBar, double) instance(FiveBar, float) instance(Rr, double) instance(Rr, float)

@@ -52,14 +52,14 @@ plan::Problem<M> program_problem(const Scene& scene) {
     p.controller.torque_weight.setOnes();
   }
   p.controller.reference = {};
-  if (scene.closed_loop() && scene.all_motors &&
+  if (scene.closed_loop() && p.controller.allocate != nullptr &&
       program.drive_torque < *std::ranges::max_element(scene.torque_limit))
     refuse_at(scene.control_where,
               "'control.torque_limit' must be at most {:g} N m for every motor, which torque_saturation or "
               "thermal_limit leaves: by it the four motors share what a program takes",
               program.drive_torque);
   p.controller.torque_limit = p.controller.torque_limit.cwiseMin(program.drive_torque);
-  p.controller.torque_limit = torque_given(p.controller);
+  p.controller.torque_limit = p.controller.torque_given();
   if (scene.uncertainty && scene.closed_loop() && scene.law != LawChoice::pd) {
     auto& u = p.uncertain.emplace();
     u.controller = p.controller;

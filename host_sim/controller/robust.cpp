@@ -173,7 +173,7 @@ Problem<M> design_problem(const Scene& scene, Pacing pacing) {
   Problem<M> p;
   const ReferenceBundle<double> reference = make_reference(scene, pacing);
   p.controller = controller_without_design<M>(scene, pacing, reference);
-  p.controller.torque_limit = torque_given(p.controller);
+  p.controller.torque_limit = p.controller.torque_given();
   p.believed = believed_mechanism(scene);
   p.uncertainty = *scene.uncertainty;
   p.told_ticks = borne_delay(scene, pacing);

@@ -301,13 +301,14 @@ class Designer : private Search<M> {
       const double limit = c.torque_limit[joint];
       if (d_.hold[k] > limit && d_.refused.empty()) {
         d_.refused = fmt::format(
-            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit is {:.3g} N "
+            "motor {}: the worst plant takes {:.3g} N m on the motion itself ({}), torque_limit gives {:.3g} "
+            "N "
             "m: no gain works",
             i + 1, d_.hold[k], where(d_.hold_place), limit);
       } else if (d_.peak[k] > limit) {
         d_.warnings.push_back(
             fmt::format("motor {}: at the edge of the tube the law asks for up to {:.3g} N m ({}), "
-                        "torque_limit is {:.3g} N m: while it is clamped nothing is promised",
+                        "torque_limit gives {:.3g} N m: while it is clamped nothing is promised",
                         i + 1, d_.peak[k], where(d_.peak_place), limit));
       }
     }

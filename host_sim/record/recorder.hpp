@@ -314,10 +314,10 @@ class Recorder {
     row_.insert(row_.end(), r.torque.begin(), r.torque.end());
     row_.push_back(reference ? reference->effector.x : none);
     row_.push_back(reference ? reference->effector.y : none);
-    for (std::size_t i = 0; i < 2; ++i) {  // of a point: on the turn on which the joint is
+    for (std::size_t i = 0; i < 2; ++i) {  // on the turn on which the joint is
       const double base = reference ? reference->base[i] : none;
       const double joint = World::angle(o, static_cast<int>(i) * M::joints / 2);
-      row_.push_back(track_.at_effector() && std::isfinite(joint) ? nearest_turn(base, joint) : base);
+      row_.push_back(std::isfinite(joint) ? nearest_turn(base, joint) : base);
     }
     if (Plant::outputs == 6) row_.insert(row_.end(), {o.qd[0], o.qd[1]});
     for (int i = 0; i < M::joints; ++i) row_.push_back(World::rate(o, i));

@@ -206,12 +206,17 @@ void read_control(Section s, Scene& scene) {
   scene.preload = s.optional_numbers("preload", {motors}).value_or(std::vector<double>{});
   if (!scene.preload.empty() && !scene.all_motors)
     s.fail("preload", "needs control.motors = \"all\": two motors have no torque that moves nothing");
-  for (std::size_t i = 0; i < scene.preload.size() && i < scene.torque_limit.size(); ++i) {
-    if (std::abs(scene.preload[i]) > scene.torque_limit[i])
-      s.fail("preload", "must be within torque_limit: motor {} has {} N m of {} N m", i + 1, scene.preload[i],
-             scene.torque_limit[i]);
-  }
   if (const auto model = s.section("model")) read_model(*model, scene);
+  for (std::size_t i = 0; i < scene.torque_limit.size(); ++i) {
+    const ModelFactors& f = scene.model;
+    const double given = scene.torque_limit[i] * f.torque_factor[i] - std::abs(f.ripple_amplitude[i]);
+    if (!(given > 0.0))
+      s.fail("model", "believes in a ripple that takes all of motor {}'s torque_limit, {:g} N m", i + 1,
+             scene.torque_limit[i]);
+    if (i < scene.preload.size() && !(std::abs(scene.preload[i]) <= given))
+      s.fail("preload", "must be within torque_limit: motor {} has {} N m of {} N m", i + 1, scene.preload[i],
+             given);
+  }
   if (scene.law == LawChoice::open_loop || s.has("torque")) {
     const auto torque = read_waveforms(s, motors);
     if (scene.law == LawChoice::open_loop) scene.torque = torque;

@@ -169,13 +169,6 @@ void merge(toml::table& into, toml::table&& from, const std::string& above = "")
   for (auto&& [k, node] : from) {
     const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
     if (above == "mechanism") split_legs(into, key, node);
-    if (toml::array* legs =
-            above == "mechanism" && key == "leg" && node.is_table() ? into["legs"].as_array() : nullptr) {
-      for (toml::node& one : *legs) {
-        if (one.is_table()) merge(*one.as_table(), toml::table(*node.as_table()), name);
-      }
-      continue;
-    }
     if (toml::array* list = into.contains(key) ? into[key].as_array() : nullptr;
         list != nullptr && (numbered(node) || typed(node))) {
       merge_entries(*list, std::move(*node.as_table()), name);
@@ -370,7 +363,20 @@ toml::table parse_scene_text(const std::string& text, const std::string& name,
 }
 
 void merge_overrides(toml::table& scene, const std::vector<std::string>& sets) {
-  for (const std::string& set : sets) merge(scene, parse_override(set));
+  for (const std::string& set : sets) {
+    toml::table given = parse_override(set);
+    toml::table* const mechanism = given["mechanism"].as_table();
+    if (toml::array* const legs = scene["mechanism"]["legs"].as_array();
+        legs != nullptr && mechanism != nullptr && (*mechanism)["leg"].is_table()) {
+      for (toml::node& leg : *legs) {  // each has nodes of its own: a copy would not know its --set
+        toml::table again = parse_override(set);
+        if (leg.is_table())
+          merge(*leg.as_table(), std::move(*again["mechanism"]["leg"].as_table()), "mechanism.leg");
+      }
+      mechanism->erase("leg");
+    }
+    merge(scene, std::move(given));
+  }
 }
 
 std::string place(const toml::node& node, const std::string& file) {

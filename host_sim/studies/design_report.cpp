@@ -225,10 +225,12 @@ class Report {
     j["torque"] = Json::array();
     for (int m = 0; m < scene_.motors(); ++m) {
       const auto joint = static_cast<std::size_t>(ControllerConfig<M>::joint_of(m, scene_.motors()));
-      j["torque"].push_back({{"motor", m + 1},
-                             {"hold_nm", d_.hold[joint]},
-                             {"peak_nm", d_.peak[joint]},
-                             {"limit_nm", scene_.torque_limit[static_cast<std::size_t>(m)]}});
+      j["torque"].push_back(
+          {{"motor", m + 1},
+           {"hold_nm", d_.hold[joint]},
+           {"peak_nm", d_.peak[joint]},
+           {"limit_nm",
+            problem_.controller.torque_limit[ControllerConfig<M>::joint_of(m, scene_.motors())]}});
     }
     const auto shares = [](const design::Shares& s) {
       return Json{{"force", s.force}, {"preload", s.preload}};
@@ -324,7 +326,8 @@ class Report {
       out += fmt::format(
           "motor {}: {:.3g} N m hold the worst plant on the motion, the law asks for up to {:.3g} in the "
           "tube, limit {:.3g}\n",
-          m + 1, d_.hold[joint], d_.peak[joint], scene_.torque_limit[static_cast<std::size_t>(m)]);
+          m + 1, d_.hold[joint], d_.peak[joint],
+          problem_.controller.torque_limit[ControllerConfig<M>::joint_of(m, scene_.motors())]);
     }
     return out;
   }

@@ -101,7 +101,7 @@ class Hostile(Case):
             self.bad(f"simulation.step={step}", words=["'simulation.step' cuts a control tick of 0.001 s into more than 1e+06 steps"])
         self.assertEqual(esmc("sim", ARM, *sets("simulation.step=1e-7", "simulation.duration=1e-3")).returncode, 0)
         for ratio in ("1e-300", "1e-4", "0", "1e5"):
-            self.bad(f"drives.gear_ratio=[{ratio}, 1]", words=["'drives.gear_ratio' must be numbers from 0.001 to 10000"])
+            self.bad(f"drives.gear_ratio=[{ratio}, 1]", words=["'drives.gear_ratio' must be a number or numbers from 0.001 to 10000"])
         slow = ("reference.type=polyline", "reference.points=[[0, 0.2], [0.01, 0.2]]")
         for value in ("reference.speed=1e-300", "reference.speed=1e-9"):
             self.bad(*slow, value, words=["'reference.speed' is too slow", "1e+06 s"])

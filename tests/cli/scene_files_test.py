@@ -69,6 +69,8 @@ class Scenes(Case):
         both = [self.runs(CIRCLE, *order)["digest"] for order in (("mechanism.leg.m2=0.09", "mechanism.legs.2.J1=3e-4"), ("mechanism.legs.2.J1=3e-4", "mechanism.leg.m2=0.09"))]
         self.assertEqual(both[0], both[1])
         self.assertNotEqual(both[0], of("mechanism.legs.2.J1=3e-4"))
+        self.says(CIRCLE, "mechanism.legs.2.J1=3e-4", "mechanism.leg.l1=-1", words=["--set mechanism.leg.l1=-1: 'mechanism.legs[1].l1'"])
+        self.says(CIRCLE, "mechanism.legs.2.J1=3e-4", "mechanism.leg.l1=[1, 2]", "mechanism.leg.l1.3=1", words=["--set mechanism.leg.l1.3=1: 'mechanism.leg.l1' has entries 1 to 2"])
         self.says(CIRCLE, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
         self.says(CIRCLE, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])
         friction = 'effects=[{type="viscous_friction", coefficient=[0.01, 0.01]}]'

@@ -322,6 +322,15 @@ class Verdicts(Case):
         for factor, code in ((1.0, None), (1.3, None), (0.8, "torque_margin"), (0.5, "torque_exceeded")):
             found = {c for _, c, _ in self.found(CIRCLE, f"control.model={{torque_factor={factor}}}", "control.torque_limit=0.8", "reference.join=0.3")}
             self.assertEqual(found & {"torque_margin", "torque_exceeded"}, {code} - {None}, factor)
+        # What a drive cuts is the command, which is larger.
+        self.judged(["control.torque_limit=4", "reference.join=0.3", "control.model={torque_factor=0.7}", 'effects=[{type="torque_saturation", limit=0.6}]'],
+                    "warning", "torque_exceeded", where="effects")
+        four = ("control.motors=all", "control.sensors=all", "drives.nodes=[1, 2, 3, 4]", "reference.join=0.3")
+        for factor, limit in (("1.5", "0.25"), ("[0.6, 1, 1, 1]", "0.35")):
+            known = (*four, f"control.model={{torque_factor={factor}}}", f"control.torque_limit={limit}")
+            share = self.check(CIRCLE, *known)["margins"]["torque_share"]
+            run = json.loads(esmc("sim", CIRCLE, "--json", *sets(*known)).stdout)
+            self.assertEqual((share < 1.0, run["torque"]["saturated_ticks"]), (True, 0), (factor, share))
 
     def test_homing_that_a_slow_loop_cannot_stop(self):
         homing = ('drives.zero="end_stop"', "drives.zero_pose=[0.631942, 1.155262]", "drives.homing_speed=[0.5, -0.5]", "drives.homing_torque=[1.0, 1.0]", 'command={arm="link", speed=0.5, acceleration=5.0}')

@@ -119,11 +119,12 @@ TEST(LinkStore, NothingIsArmedWhileTheMemoryGoesOnAfterATimeOut) {
   Memory memory;
   Stored b(memory);
   b.listen_and_learn();
-  memory.duration = 3000;
+  memory.duration = 1000;  // for ever
   EXPECT_EQ(b.order(Desk::store), Outcome::obeyed);
   for (int i = 0; i < 2000; ++i) b.turn();
   EXPECT_EQ(b.told(), StoreState::failed);
   EXPECT_EQ(b.order(Desk::arm), Outcome::refused);
+  memory.duration = 1;
   for (int i = 0; i < 2000; ++i) b.turn();
   EXPECT_EQ(b.order(Desk::arm), Outcome::obeyed);
 }

@@ -299,6 +299,40 @@ TEST(Link, ANewSessionRefusesNoOrderThatAnswersARecentStatus) {
   }
 }
 
+TEST(Link, TheSessionBeforeIsValidForAsLongAsAStatusIsRecent) {
+  for (const unsigned after : {0U, 49U, 50U, 51U}) {
+    LinkBench b;
+    b.listen();
+    advance(b, half - 1);
+    const hal::CanFrame ask = b.desk.ask(2);
+    advance(b, half + after - 1);
+    EXPECT_EQ(b.one(ask), after < 50 ? Outcome::obeyed : Outcome::bad_crc) << after;
+  }
+  LinkBench b;
+  b.run();
+  advance(b, half - 2);
+  b.tick({b.desk.order(Desk::off)});
+  b.tick();  // disabled, and with this the session is new
+  ASSERT_EQ(b.supervisor.state(), State::disabled);
+  hal::CanFrame old = b.desk.ask(2);
+  EXPECT_EQ(b.one(b.desk.seal(old, b.desk.session - 1U)), Outcome::bad_crc);
+}
+
+/// 256 sessions later the one before is the first again, with the same 16 bits of the tick.
+TEST(Link, AnOrderOfTheSessionBeforeAnswersAStatusOfThatSession) {
+  LinkBench b;
+  b.listen();
+  advance(b, half - 1);
+  const unsigned told = b.desk.tick;
+  advance(b, half + 10);
+  hal::CanFrame arm = b.desk.order(Desk::arm);
+  EXPECT_EQ(b.one(b.desk.seal(arm, b.desk.session - 1U)), Outcome::refused);
+  EXPECT_EQ(b.supervisor.state(), State::disabled);
+  b.desk.tick = told;
+  arm = b.desk.order(Desk::arm);
+  EXPECT_EQ(b.one(b.desk.seal(arm, b.desk.session - 1U)), Outcome::obeyed);
+}
+
 TEST(Link, TheSessionOfAnArmedControllerStays) {
   LinkBench b;
   b.run();

@@ -216,6 +216,9 @@ TEST(MoteusAxis, RefusesToArmByWhatWasReadBack) {
   }
 }
 
+static_assert(!esmc::drive::may_have_restarted(18, 150) && esmc::drive::may_have_restarted(19, 150));
+static_assert(!esmc::drive::may_have_restarted(2, 3) && esmc::drive::may_have_restarted(3, 3));
+
 TEST(MoteusAxis, WhatWasReadBackBeforeASilenceDoesNotCount) {
   for (const bool silent_when_asked : {true, false}) {
     MoteusAxis a = axis();
@@ -241,8 +244,10 @@ TEST(MoteusAxis, WhatWasReadBackBeforeASilenceDoesNotCount) {
     a.disable(send);
     EXPECT_TRUE(a.idle());
     hear(a, stopped);
+    EXPECT_EQ(a.refused_register(), 0x00CU) << "for the report";
     a.enable(send);
     EXPECT_TRUE(begins(frame(a), zero)) << "it has been set up";
+    EXPECT_EQ(a.refused_register(), esmc::drive::moteus::no_register);
   }
 }
 
