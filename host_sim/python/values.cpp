@@ -81,8 +81,11 @@ void put_set(std::vector<std::string>& sets, const std::string& key, const std::
       sets.insert(sets.end(), kept.rbegin(), kept.rend());
       return;
     }
-    // The first entry of `legs` that is set makes two legs of the `leg` of its time.
-    whole = is_plain(other) && other != key && !lies_in(key, other) && !other.starts_with("mechanism.legs");
+    // The first entry of `legs` that is set makes two legs of the `leg` of its time, and `leg` is then of
+    // both.
+    const bool of_legs = other.starts_with("mechanism.legs") ||
+                         (key.starts_with("mechanism.legs") && other.starts_with("mechanism.leg"));
+    whole = is_plain(other) && other != key && !lies_in(key, other) && !of_legs;
     if (!lies_in(other, key)) kept.push_back(sets[i]);
   }
   sets.push_back(set);
