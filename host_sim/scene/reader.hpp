@@ -66,8 +66,8 @@ class Section {
   E choice(const std::string& key) {
     return *from_name<E>(text(key));
   }
-  /// Reads an array of numbers whose length is one of `sizes`; where the key's type says so, one number stands
-  /// for all. The default is sizes.front() zeros.
+  /// Reads an array of numbers whose length is one of `sizes`; where the key's type says so, one number
+  /// stands for all. The default is sizes.front() zeros.
   std::vector<double> numbers(const std::string& key, const std::vector<std::size_t>& sizes);
   /// Reads an array as numbers() does. None: the key is absent.
   std::optional<std::vector<double>> optional_numbers(const std::string& key,
