@@ -242,7 +242,8 @@ class Controller {
   }
   [[nodiscard, gnu::noinline, gnu::cold]] bool within_limits_at(std::uint32_t ahead) const {
     Desired<M> d;
-    if (!desired(reference_.at(ahead), d.pose, d.rates, d.acceleration)) return false;
+    if (!desired(config_.reference.space, reference_.at(ahead), d.pose, d.rates, d.acceleration))
+      return false;
     const Vec2<S> rate = M::base(d.rates), acceleration = M::base(d.acceleration);
     for (int i = 0; i < 2; ++i) {
       if (!within(rate[i], config_.limits.joint_speed)) return false;
@@ -269,20 +270,36 @@ class Controller {
     return true;
   }
 
+  /// Four motors and four encoders: type 2 is a pose like any other, of which the base joints know nothing.
+  [[nodiscard]] bool passes_type2() const {
+    return config_.allocate != nullptr && config_.sensors == Sensors::all;
+  }
+  [[nodiscard, gnu::cold]] Truth<S> at_rest(const typename M::Rates& rates) const {
+    const S part = config_.limits.joint_speed * S(0.02), told = config_.limits.rest_speed;
+    const S slow = part > told ? part : told;
+    const Vec2<S> rate = M::base(rates);
+    Truth<S> rest = within(rate[0], slow) && within(rate[1], slow);
+    if constexpr (M::joints == 4) {
+      for (int j = 0; j < 2 && passes_type2(); ++j) rest = rest && within(rates.leg[j][1], slow);
+    }
+    return rest;
+  }
   /// Along the stop trajectory to rest; the mechanism then stays there.
   [[gnu::cold]] Fault bring_to_rest(State state, Tracking<M>& t, TickResult<M>& out) {
-    const Vec2<S> angle = M::base_angles(t.pose), rate = M::base(t.rates);
+    const bool at_effector = passes_type2();
+    const Truth<S> rest = at_rest(t.rates);
     if (!stop_trajectory_.begun()) {
-      stop_trajectory_.begin(angle, rate);
-      memory_.reset();
+      const Vec2<S> position = at_effector ? Vec2<S>(t.pose.effector) : M::base_angles(t.pose);
+      const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
+      stop_trajectory_.begin(position, velocity);
+      memory_.begin_halt();
     }
-    const Motion2<S> m = stop_trajectory_.at();
-    if (!desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
-                         t.desired_pose, t.desired_rates, t.desired_acceleration)) {
+    if (config_.predict != nullptr && state != State::lowering) config_.predict(config_, memory_, t);
+    const Motion2<S> m = stop_trajectory_.at(lead_ticks_);
+    if (!desired(at_effector ? ReferenceSpace::effector : ReferenceSpace::base_joints, m, t.desired_pose,
+                 t.desired_rates, t.desired_acceleration)) {
       return Fault::halt_failed;
     }
-    const S slow = config_.limits.joint_speed * S(0.02);
-    const Truth<S> rest = within(rate[0], slow) && within(rate[1], slow);
     if (state == State::halting) {
       out.stage_done = stop_trajectory_.over() && rest;
       if (stop_trajectory_.overdue() && !rest) return Fault::halt_failed;
@@ -292,19 +309,53 @@ class Controller {
     return Fault::none;
   }
 
-  /// Fading weight compensation, and damping that reaches the torque limit at a tenth of the allowed speed.
+  /// Damping of two coordinates that takes a fifth of their speed in a tick, less where the loop has delays,
+  /// which it bears: of their inertia, with the other one free. `first`, `second`: rates of the mechanism at
+  /// their unit rates.
+  [[nodiscard, gnu::cold]] Vec2<S> borne_damping(const typename M::Pose& pose, const typename M::Rates& first,
+                                                 const typename M::Rates& second) const {
+    const M& m = config_.mechanism;
+    const typename M::Channels a = m.channel_rates(pose, first), b = m.channel_rates(pose, second),
+                               of_a = m.mass().cwiseProduct(a), of_b = m.mass().cwiseProduct(b);
+    S aa(0), ab(0), bb(0);
+    for (int i = 0; i < M::channels; ++i) {
+      aa += a[i] * of_a[i];
+      ab += a[i] * of_b[i];
+      bb += b[i] * of_b[i];
+    }
+    const S ticks = S(1) + config_.delay_ticks + config_.lag_ticks;
+    const S share = S(0.2) / (ticks * config_.sample_time);
+    return {share * (aa - ab * ab / bb), share * (bb - ab * ab / aa)};
+  }
+  /// Fading weight compensation, and damping that reaches the torque limit at a tenth of the allowed speed,
+  /// or what the loop bears.
   [[gnu::cold]] void lowering_torque(const Tracking<M>& t, TickResult<M>& out) {
     const S left =
         lowered_ticks_ < config_.lower_ticks ? S(1) - S(lowered_ticks_) / S(config_.lower_ticks) : S(0);
-    const Vec2<S> held = weight(t.pose);
-    const Vec2<S> rate = M::base(t.rates);
+    if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
+    const M& m = config_.mechanism;
+    const Vec2<S> x = Vec2<S>::UnitX(), y = Vec2<S>::UnitY();
+    if constexpr (M::joints == 4) {
+      if (passes_type2()) {
+        const typename M::Channels still = M::Channels::Zero();
+        typename M::Channels w = m.force(still, M::Rates::Zero()) * left;
+        const Vec2<S> damping = borne_damping(t.pose, m.chain_rates(t.pose, x), m.chain_rates(t.pose, y));
+        w.template head<2>() -= damping.cwiseProduct(m.tip_rate(t.pose, t.rates));
+        Vec<S, M::joints> preload;  // is no weight
+        config_.allocate(config_, t.pose, w, out.torque);
+        config_.allocate(config_, t.pose, still, preload);
+        out.torque -= preload;
+        return;
+      }
+    }
+    const Vec2<S> held = weight(t.pose), rate = M::base(t.rates);
+    const Vec2<S> borne = borne_damping(t.pose, m.base_rates(t.pose, x), m.base_rates(t.pose, y));
     Vec2<S> torque;
     for (int i = 0; i < 2; ++i) {
-      const S damping = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
-      torque[i] = held[i] * left - rate[i] * damping;
+      const S most = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
+      torque[i] = held[i] * left - rate[i] * (borne[i] < most ? borne[i] : most);
     }
     to_base_motors(torque, out);
-    if (lowered_ticks_ < config_.lower_ticks) ++lowered_ticks_;
   }
 
   /// reference -> desired pose and motion, joined from the state at the first running tick.
@@ -321,7 +372,8 @@ class Controller {
       }
       if (setpoints_.active()) setpoints_.start(position, velocity);
     }
-    return desired(setpoints_.active()   ? setpoints_.at()
+    return desired(config_.reference.space,
+                   setpoints_.active()   ? setpoints_.at()
                    : path_rate_.active() ? at_path_rate()
                                          : reference_.at(running_tick_ + lead_ticks_),
                    t.desired_pose, t.desired_rates, t.desired_acceleration);
@@ -330,13 +382,14 @@ class Controller {
     return path_rate_.step(reference_, running_tick_, lead_ticks_, [&](const Motion2<S>& m) {
       Desired<M> d;
       const S to_the_loop = S(0.95);  // of the torque; the rest is for the errors that it corrects
-      return desired(m, d.pose, d.rates, d.acceleration) && motors_can(d, to_the_loop);
+      return desired(config_.reference.space, m, d.pose, d.rates, d.acceleration) &&
+             motors_can(d, to_the_loop);
     });
   }
   /// Not inlined: long, and called in four places.
-  [[nodiscard, gnu::noinline]] bool desired(const Motion2<S>& m, typename M::Pose& pose,
+  [[nodiscard, gnu::noinline]] bool desired(ReferenceSpace space, const Motion2<S>& m, typename M::Pose& pose,
                                             typename M::Rates& rates, typename M::Rates& acceleration) const {
-    return config_.reference.space == ReferenceSpace::effector
+    return space == ReferenceSpace::effector
                ? desired_at_effector(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
                                      pose, rates, acceleration)
                : desired_at_base(config_.mechanism, config_.mode, m.position, m.velocity, m.acceleration,
@@ -423,10 +476,8 @@ class Controller {
                       const Vec2<S>& rate) const {
     Measured<S> m;
     m.abs_sin_type1 = M::min_abs_sin_type1(pose);
-    // With four motors and four encoders type 2 is regular. Otherwise the other assembly mode is guarded too,
-    // for the law could come to rest there.
-    const bool regular = config_.motors == Motors::all && config_.sensors == Sensors::all;
-    m.sin_type2 = regular ? S(1) : M::sin_type2_in_mode(pose, config_.mode);
+    // Unless type 2 is passed, the other assembly mode is guarded too, for the law could come to rest there.
+    m.sin_type2 = passes_type2() ? S(1) : M::sin_type2_in_mode(pose, config_.mode);
     m.closure = closure;
     m.x = pose.effector.x();
     m.y = pose.effector.y();
@@ -455,7 +506,8 @@ class Controller {
 template <class M>
 bool Controller<M>::reachable(const Vec2<S>& position) const {
   Desired<M> d;
-  return desired({position, Vec2<S>::Zero(), Vec2<S>::Zero()}, d.pose, d.rates, d.acceleration);
+  return desired(config_.reference.space, {position, Vec2<S>::Zero(), Vec2<S>::Zero()}, d.pose, d.rates,
+                 d.acceleration);
 }
 
 template <class M>

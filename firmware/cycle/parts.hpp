@@ -48,6 +48,10 @@ struct PartMemory {
   /// Returns to the state before the first tick.
   void reset() {
     ticks = 0;
+    begin_halt();
+  }
+  /// Forgets what was learnt along the reference, not the torques that still act.
+  void begin_halt() {
     twisting.reset();
     disturbance.setZero();
   }

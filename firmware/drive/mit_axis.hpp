@@ -71,6 +71,7 @@ class MitAxis {
   void begin_tick() {
     counted_ = false;
     if (age_ticks_ < age_max) ++age_ticks_;
+    if (torque_age_ticks_ < age_max) ++torque_age_ticks_;
   }
 
   [[nodiscard]] bool heard_this_tick() const { return age_ticks_ == 0; }       ///< a reply came in this tick
@@ -101,6 +102,9 @@ class MitAxis {
     return mit::value(last_.torque, settings_.ranges.torque, mit::code_max_12) * config_.direction *
            config_.gear_ratio;
   }
+
+  /// Ticks since the last torque for observed_torque(); age_max before the first.
+  [[nodiscard]] std::uint32_t torque_age_ticks() const { return torque_age_ticks_; }
 
   /// True if the bus took the frame into motor mode, and replies without error came in two ticks since.
   [[nodiscard]] bool ready() const { return step_ == Step::entered && replies_ >= replies_wanted; }
@@ -227,6 +231,7 @@ class MitAxis {
     last_ = r;
     alive_ = true;
     age_ticks_ = 0;
+    if (r.whole_torque) torque_age_ticks_ = 0;
     if (settings_.dialect == Dialect::damiao && r.error == mode_on) reports_mode_ = true;
     error_ = lost_ | fault_of(r);
     if (step_ == Step::entered && (error() || !closed_loop())) {
@@ -254,7 +259,7 @@ class MitAxis {
   Settings settings_{};
   mit::Reply last_{};
   std::uint32_t wait_ticks_ = 0;  // until the sequence is repeated
-  std::uint32_t age_ticks_ = age_max;
+  std::uint32_t age_ticks_ = age_max, torque_age_ticks_ = age_max;
   std::uint32_t error_ = 0;
   std::uint32_t lost_ = 0;
   std::uint8_t replies_ = 0;  // ticks with a reply since the last special frame

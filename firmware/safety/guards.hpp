@@ -51,6 +51,7 @@ struct Limits {
   std::uint32_t max_age_ticks = 0;                       ///< samples missed in a row that are extrapolated
   S feedback_jump{};      ///< rad per tick between an angle and its prediction; 0: not checked
   S join_acceleration{};  ///< rad/s2, base joints while joining the reference; 0: not checked
+  S rest_speed{};         ///< rad/s at which a joint may be at rest for all that its drive can tell
 
   /// These limits without workspace and joint angles, which a mechanism may have crossed when a halt begins.
   [[nodiscard]] constexpr Limits while_halting() const {

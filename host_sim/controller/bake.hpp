@@ -68,7 +68,7 @@ inline constexpr int members<RrParams<S>> = 2;
 template <class S>
 inline constexpr int members<FiveBarParams<S>> = 4;
 template <class S>
-inline constexpr int members<Limits<S>> = 10;
+inline constexpr int members<Limits<S>> = 11;
 template <class S>
 inline constexpr int members<LegParams<S>> = 15;
 
@@ -114,9 +114,9 @@ requires(members<T> > 0) std::string initialiser(const T& v) {
   } else if constexpr (members<T> == 4) {
     const auto& [a, b, c, d] = v;
     return braces(a, b, c, d);
-  } else if constexpr (members<T> == 10) {
-    const auto& [a, b, c, d, e, f, g, h, i, j] = v;
-    return braces(a, b, c, d, e, f, g, h, i, j);
+  } else if constexpr (members<T> == 11) {
+    const auto& [a, b, c, d, e, f, g, h, i, j, k] = v;
+    return braces(a, b, c, d, e, f, g, h, i, j, k);
   } else if constexpr (members<T> == 15) {
     const auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o] = v;
     return braces(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o);

@@ -60,6 +60,7 @@ Limits<S> make_limits(const Scene& s) {
   l.max_age_ticks = static_cast<std::uint32_t>(s.limits.max_age_ticks);
   l.feedback_jump = static_cast<S>(s.limits.feedback_jump);
   l.join_acceleration = static_cast<S>(s.limits.join_acceleration);
+  l.rest_speed = static_cast<S>(s.drives.speed_step);  // half a step is what MIT drives tell at rest
   if (s.limits.workspace) {
     l.workspace_x = range<S>((*s.limits.workspace)[0]);
     l.workspace_y = range<S>((*s.limits.workspace)[1]);

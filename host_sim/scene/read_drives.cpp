@@ -216,6 +216,8 @@ void read_drives(Section s, Scene& scene) {
   read_odrive(s, scene);
   read_mit(s, scene);
   check_moteus(s, scene);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(scene.motors()); ++i)
+    d.speed_step = std::max(d.speed_step, speed_step(d, i));
   read_homing(s, scene);
   s.finish();
 }
