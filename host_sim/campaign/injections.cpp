@@ -339,7 +339,7 @@ std::string describe(const Injection& i) {
   return fmt::format("{} in {} + {} ticks, {}, drive {}, amount {:.6g}, choice {}", i.row->name,
                      name(i.phase), i.offset,
                      i.length >= for_ever ? std::string("for ever") : fmt::format("for {} ticks", i.length),
-                     i.drive, i.amount, i.choice);
+                     i.drive + 1, i.amount, i.choice);
 }
 
 }  // namespace esmc::host

@@ -208,14 +208,17 @@ Vector Equations::torque(double delay, int joint) const {
       const double share = window.integral(u + 1.0) - window.integral(u);
       const std::ptrdiff_t asked = first + i + static_cast<std::ptrdiff_t>(rate_half);
       if (share == 0.0 || asked < 0 || asked >= static_cast<std::ptrdiff_t>(p_.torque.size())) continue;
-      // Gathered on the base joints where the mechanism is when it acts.
-      const auto at = std::clamp<std::ptrdiff_t>(first + static_cast<std::ptrdiff_t>(std::lround(u + 0.5)), 0,
-                                                 static_cast<std::ptrdiff_t>(ticks_.size()) - 1);
+      // Gathered on the base joints where the mechanism is, on average, while it acts.
+      const double middle =
+          std::clamp(static_cast<double>(first) + u + 0.5, 0.0, static_cast<double>(ticks_.size() - 2));
+      const auto at = static_cast<std::size_t>(middle);
+      const double beyond = middle - static_cast<double>(at);
       const auto& tau = p_.torque[static_cast<std::size_t>(asked)];
       Eigen::Vector4d asked_of(tau[0], tau[1], tau[2], tau[3]);
       if (joint >= 0) asked_of = asked_of[joint] * Eigen::Vector4d::Unit(joint);
       out.segment<2>(2 * static_cast<Eigen::Index>(k)) +=
-          share / whole * ticks_[static_cast<std::size_t>(at)].joint.transpose() * asked_of;
+          share / whole * (ticks_[at].joint * (1.0 - beyond) + ticks_[at + 1].joint * beyond).transpose() *
+          asked_of;
     }
   }
   return out;

@@ -106,6 +106,7 @@ class Session final : public PlantOnBus<Traits> {
          o.what + (s == State::disabled && !start_ ? ": in force" : ": halt, new controller, start"));
   }
   void home(const char* why) {
+    if (next_) scene_ = next_->scene;
     next_.reset();
     this->diverged_ = false;
     this->run_ticks_ = 0;

@@ -69,6 +69,8 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
 
 RestartLevel restart_level(const Scene& from, const Scene& to) {
   if (from.type != to.type) throw InputError("", "'mechanism.type': another mechanism needs another bench");
+  if (from.motors() != to.motors())
+    throw InputError("", "'control.motors': other motors need another bench, whose log has their columns");
   const auto changed = changed_tables(from, to);
   if (changed.contains("mechanism") || changed.contains("initial")) return RestartLevel::home;
   static const std::set<std::string> of_the_plant{"effects", "simulation", "name"};

@@ -354,5 +354,14 @@ def misfits(bench):
     expect_named("rotor_inertia", "theta2", edited("rotor", ARM, out, rotor), 3.6e-3, 6e-4)
 
 
+def four_motors(bench):
+    """Torques of elbows are gathered where the mechanism is when they act, at parts of a tick, too."""
+    for delay in (0.1, 0.9):
+        out, _ = bench.record(f"four {delay}", "sim", SCENES / "five_bar_identification.toml", "--set", "control.motors=all", "--set", "drives.nodes=[1, 2, 3, 4]",
+                              "--set", "control.delay_ticks=1", "--set", f'effects=[{{type="viscous_friction", coefficient=[0.01, 0.002]}}, {{type="compute_delay", time={delay}e-3}}]')
+        found = bench.good(out, "--observer-bandwidth", "0")["delay"]
+        expect(abs((found["lower"] + found["upper"]) / 2 - delay) < 0.005, f"four motors: a delay of {delay} ticks: {found}")
+
+
 if __name__ == "__main__":
-    main(lambda folder: LogBench("identify", folder), five_bar, snippet, payload, arm, designed, written, belief, misfits, large, hostile)
+    main(lambda folder: LogBench("identify", folder), five_bar, four_motors, snippet, payload, arm, designed, written, belief, misfits, large, hostile)

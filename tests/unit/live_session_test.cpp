@@ -222,6 +222,16 @@ TEST(LiveSession, AChangeInAFaultWaitsForTheReset) {
   EXPECT_EQ(s->scene().law, LawChoice::ctc);
 }
 
+TEST(LiveSession, HomeTakesAChangeThatWaits) {
+  const auto s = session_of(five_bar);
+  run(*s, 1500);
+  s->order(change(*s, five_bar, {"control.law=ctc"}));
+  s->order(LiveCommand::home);
+  EXPECT_LT(ticks_until(*s, "running", 500), 500);
+  EXPECT_EQ(s->scene().law, LawChoice::ctc);
+  EXPECT_THROW((void)change(*s, five_bar, {"control.motors=all", "drives.nodes=[1,2,3,4]"}), InputError);
+}
+
 TEST(LiveSession, EveryFaultThatIsOfferedIsOverAfterAResetOrHome) {
   const auto s = session_of(five_bar);
   int offered = 0;
