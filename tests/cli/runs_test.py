@@ -204,6 +204,25 @@ class Told(Case):
         piped.send_signal(signal.SIGINT)
         self.assertEqual(piped.communicate()[1], "")
 
+    def test_halts_and_lowering_ring_nowhere(self):
+        """Torque stays far from its limit, and changes its sign a few times only."""
+        box = "limits.workspace={x=[-0.6, 0.6], y=[%g, %g]}"
+        low, type2 = box % (0.0, 0.2), ("five_bar_type2.toml", "simulation.duration=3", "reference.duration=0.6")
+        slow = ("reference.speed=2", "control.lambda=10", "control.gain=20")
+        mit = ("drives.protocol=mit", "drives.master_id=[101, 102]", "reference.speed=0.5")
+        for scene, *sets_of in (("five_bar_circle.toml", low, "control.rate_hz=200", "limits.joint_speed=10"), ("five_bar_circle.toml", low, *slow, "control.rate_hz=50"),
+                                ("five_bar_circle.toml", low, "reference.speed=1", "limits.joint_speed=1"), ("five_bar_circle.toml", low, *mit, "limits.joint_speed=0.7"),
+                                ("five_bar_circle.toml", low, *mit, "limits.joint_speed=0.5", "limits.after_halt=hold"),
+                                ("five_bar_observer.toml", box % (0.0, 0.225), "limits.after_halt=hold"),
+                                ("five_bar_observer.toml", box % (0.0, 0.225), "limits.after_halt=hold", "control.delay_ticks=6", "effects.compute_delay.time=0.006"),
+                                *((*type2, box % (y, 0.3), f"limits.after_halt={end}") for y in (0.035, 0.06) for end in ("hold", "lower"))):
+            run = esmc("hil", SCENES / scene, "--json", "--out", self.tmp / "halt", *sets(*sets_of))
+            self.assertEqual([f["name"] for f in json.loads(run.stdout)["supervisor"]["faults"]], ["workspace"], (sets_of, run.stderr))
+            rows = read_table(self.tmp / "halt" / "log.csv")
+            self.assertTrue({r["state"] for r in rows} & {"holding", "lowering"}, sets_of)
+            after = [float(r["tau11_cmd"]) for r in rows if r["state"] in ("halting", "holding", "lowering")]
+            self.assertLess(max(map(abs, after)), 0.8, sets_of)
+            self.assertLess(sum(a * b < 0 for a, b in zip(after, after[1:])), 12, sets_of)
 
 if __name__ == "__main__":
     main()
