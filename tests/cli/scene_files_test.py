@@ -2,6 +2,7 @@
 """Scene files, --set and --out from outside: what a message says, what an override replaces, what is left behind.
 usage: scene_files_test.py ESMC [unittest args]"""
 import json
+import re
 
 from command import ARM, CIRCLE, SCENES, Case, esmc, main, sets
 
@@ -69,7 +70,8 @@ class Scenes(Case):
         both = [self.runs(CIRCLE, *order)["digest"] for order in (("mechanism.leg.m2=0.09", "mechanism.legs.2.J1=3e-4"), ("mechanism.legs.2.J1=3e-4", "mechanism.leg.m2=0.09"))]
         self.assertEqual(both[0], both[1])
         self.assertNotEqual(both[0], of("mechanism.legs.2.J1=3e-4"))
-        self.says(CIRCLE, "mechanism.legs.2.J1=3e-4", "mechanism.leg.l1=-1", words=["--set mechanism.leg.l1=-1: 'mechanism.legs[1].l1'"])
+        run = esmc("sim", CIRCLE, *sets("mechanism.legs.2.J1=3e-4", "mechanism.leg.l1=-1"))
+        self.assertEqual((run.returncode, re.findall(r"--set mechanism.leg.l1=-1: 'mechanism.legs\[(.)\].l1'", run.stderr)), (2, ["1", "2"]), run.stderr)
         self.says(CIRCLE, "mechanism.legs.2.J1=3e-4", "mechanism.leg.l1=[1, 2]", "mechanism.leg.l1.3=1", words=["--set mechanism.leg.l1.3=1: 'mechanism.leg.l1' has entries 1 to 2"])
         self.says(CIRCLE, "mechanism.legs.3.l1=0.1", words=["'mechanism.legs' has entries 1 to 2"])
         self.says(CIRCLE, "mechanism.legs.2.l1=-1", words=["'mechanism.legs[2].l1' must be"])

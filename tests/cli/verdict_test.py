@@ -324,7 +324,7 @@ class Verdicts(Case):
             self.assertEqual(found & {"torque_margin", "torque_exceeded"}, {code} - {None}, factor)
         # What a drive cuts is the command, which is larger.
         self.judged(["control.torque_limit=4", "reference.join=0.3", "control.model={torque_factor=0.7}", 'effects=[{type="torque_saturation", limit=0.6}]'],
-                    "warning", "torque_exceeded", where="effects")
+                    "error", "torque_exceeded", where="effects")
         four = ("control.motors=all", "control.sensors=all", "drives.nodes=[1, 2, 3, 4]", "reference.join=0.3")
         for factor, limit in (("1.5", "0.25"), ("[0.6, 1, 1, 1]", "0.35")):
             known = (*four, f"control.model={{torque_factor={factor}}}", f"control.torque_limit={limit}")
