@@ -35,7 +35,7 @@ Alone<M> lowering() {
 
 TEST(ControllerLowering, TheWeightFadesAndSpeedIsDamped) {
   auto a = lowering<Arm>();
-  a.config.torque_limit = {3.0F, 2.0F};
+  a.config.torque_limit = {3.0F, 1.0F};
   const Vec2<double> weight = weight_of_the_arm(a.now.angle);
   for (int round = 0; round < 2; ++round) {
     a.start();
@@ -43,7 +43,7 @@ TEST(ControllerLowering, TheWeightFadesAndSpeedIsDamped) {
     a.tick(Command::halt);
     for (int n = 0; n < 20 && a.supervisor->state() == State::halting; ++n) a.tick();
     a.now.rate = {0.25F, -0.5F};  // a tenth of joint_speed is 5 rad/s
-    const Vec2<double> brake(-0.25 * 3.0 / 5.0, 0.5 * 2.0 / 5.0);
+    const Vec2<double> brake(-0.25 * 3.0 / 5.0, 0.5 * 1.0 / 5.0);
     for (int k = 1; k <= 8; ++k) {  // the first one has been the tick that was at rest
       const auto r = a.tick();
       if (k == 8) {
@@ -58,6 +58,27 @@ TEST(ControllerLowering, TheWeightFadesAndSpeedIsDamped) {
     EXPECT_EQ(a.tick().state, State::stopping);
     a.now.rate.setZero();
     EXPECT_EQ(a.tick().state, State::disabled);
+  }
+}
+
+/// Where the torque limit would ask for more: a fifth of the speed in a tick by the inertia of each joint
+/// with the other one free, and a third of that with two ticks of delay.
+TEST(ControllerLowering, DampsNoMoreThanTheLoopBears) {
+  auto a = lowering<Arm>();
+  a.config.torque_limit = {300.0F, 200.0F};
+  a.config.delay_ticks = 2.0F;
+  a.start();
+  a.tick(Command::halt);
+  for (int n = 0; n < 20 && a.supervisor->state() == State::halting; ++n) a.tick();
+  a.now.rate = {0.25F, -0.5F};
+  const Vec2<double> weight = weight_of_the_arm(a.now.angle);
+  const double share = 0.2 / 3.0 / static_cast<double>(a.config.sample_time);
+  const auto r = a.tick();
+  for (int i = 0; i < 2; ++i) {
+    const double inertia = 1.0 / answer_of_the_arm(a.now.angle, Vec2<double>::Unit(i))[i];
+    const double expected =
+        weight[i] * (1.0 - 1 / 8.0) - share * inertia * static_cast<double>(a.now.rate[i]);
+    EXPECT_NEAR(r.torque[i], expected, 1e-4 * std::abs(expected)) << i;
   }
 }
 
