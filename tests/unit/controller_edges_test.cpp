@@ -104,6 +104,91 @@ TEST(ControllerLowering, BothBaseMotorsOfAFiveBarAreDamped) {
   }
 }
 
+/// Four motors and four encoders: all joints must be at rest, and what lowers is gathered where the effector
+/// is.
+TEST(ControllerLowering, FourMotorsWithFourEncodersAreLoweredByTheEffector) {
+  auto a = lowering<Five>(), base = lowering<Five>();
+  a.config.motors = Motors::all;
+  a.config.sensors = Sensors::all;
+  a.config.allocate = allocation_for<Five>(Motors::all);
+  a.config.torque_limit.setConstant(9.0);
+  a.config.torque_weight.setOnes();
+  a.config.preload = {0.5, -0.25, 0.125, 0.25};
+  const Five& m = a.config.mechanism;
+  const auto pose = estimate_from_all(m, a.now.angle, Vec<double, 4>::Zero().eval()).pose;
+  const auto moving = [&](double share) {
+    const auto r = m.base_rates(pose, Vec2<double>(share, share));
+    a.now.rate = {r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]};
+    return std::max(std::abs(r.leg[0][1]), std::abs(r.leg[1][1])) / share;
+  };
+  const double farther = moving(1.0);
+  ASSERT_GT(farther, 1.1) << "an elbow turns faster than the base joints";
+  a.start();
+  const double slow = 0.02 * a.config.limits.joint_speed;
+  a.tick(Command::halt);
+  for (int n = 0; n < 6; ++n) {
+    moving(0.95 * slow);  // the base joints are slow enough
+    EXPECT_EQ(a.tick().state, State::halting) << n;
+  }
+  moving(1.5 * slow);
+  EXPECT_EQ(a.tick().state, State::halting);
+  a.now.rate.setZero();
+  for (int n = 0; n < 3 && a.supervisor->state() == State::halting; ++n) a.tick();
+  base.start();
+  base.tick(Command::halt);
+  for (int n = 0; n < 20 && base.supervisor->state() == State::halting; ++n) base.tick();
+  ASSERT_EQ(a.supervisor->state(), State::lowering);
+  const auto gathered = [&](const Vec<double, 4>& torque) {
+    const auto x = m.base_rates(pose, Vec2<double>::UnitX()), y = m.base_rates(pose, Vec2<double>::UnitY());
+    const auto work = [&](const Five::Rates& r) {
+      return torque[0] * r.leg[0][0] + torque[1] * r.leg[0][1] + torque[2] * r.leg[1][0] +
+             torque[3] * r.leg[1][1];
+    };
+    return Vec2<double>(work(x), work(y));
+  };
+  const auto four = a.tick(), two = base.tick();
+  ASSERT_EQ(four.state, State::lowering) << name(four.fault);
+  ASSERT_EQ(two.state, State::lowering);
+  EXPECT_GT(std::abs(two.torque[0]), 0.01);
+  EXPECT_LT((gathered(four.torque) - Vec2<double>(two.torque[0], two.torque[2])).norm(), 1e-9);
+  moving(0.5 * slow);
+  const auto braked = a.tick();
+  EXPECT_LT(braked.torque.dot(a.now.rate), four.torque.dot(a.now.rate)) << "against the motion";
+}
+
+TEST(ControllerLowering, AJointIsAtRestIfItsDriveTellsNoMore) {
+  for (const double told : {0.0, 2.0}) {
+    auto a = lowering<Arm>();  // 2 % of joint_speed are 1 rad/s
+    a.config.limits.rest_speed = static_cast<float>(told);
+    a.start();
+    a.now.rate = {1.5F, 0.0F};
+    a.tick(Command::halt);
+    for (int n = 0; n < 8; ++n) a.tick();
+    EXPECT_EQ(a.supervisor->state(), told > 0.0 ? State::lowering : State::halting);
+  }
+}
+
+/// The law that brings to rest predicts as under the reference; lowering has no law.
+TEST(ControllerLowering, AHaltIsPredicted) {
+  static int predicted;
+  predicted = 0;
+  auto a = lowering<Arm>();
+  a.config.predict = [](const ControllerConfig<Arm>&, const PartMemory<Arm>&, Tracking<Arm>&) {
+    ++predicted;
+  };
+  a.config.delay_ticks = 2.0F;
+  a.start();
+  const int running = predicted;
+  a.tick(Command::halt);
+  EXPECT_EQ(predicted, running + 1);
+  for (int n = 0; n < 20 && a.supervisor->state() == State::halting; ++n) a.tick();
+  const int halted = predicted;
+  EXPECT_GT(halted, running + 1);
+  a.tick();
+  ASSERT_EQ(a.supervisor->state(), State::lowering);
+  EXPECT_EQ(predicted, halted);
+}
+
 /// The way to rest begins with the state that is measured, each time anew, and in the tick of the fault.
 TYPED_TEST(ControllerEdges, AHaltBeginsWhereTheMechanismIs) {
   Alone<TypeParam> a;

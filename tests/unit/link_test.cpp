@@ -299,6 +299,18 @@ TEST(Link, ANewSessionRefusesNoOrderThatAnswersARecentStatus) {
   }
 }
 
+TEST(Link, BeforeSession1Comes255) {
+  LinkConfig c = link_config();
+  c.session = 255;
+  LinkBench b(c);
+  b.listen();
+  advance(b, half - 1);
+  const hal::CanFrame arm = b.desk.order(Desk::arm);
+  b.tick();
+  EXPECT_EQ(b.link.session(), 1);
+  EXPECT_EQ(b.one(arm), Outcome::obeyed);
+}
+
 TEST(Link, TheSessionBeforeIsValidForAsLongAsAStatusIsRecent) {
   for (const unsigned after : {0U, 49U, 50U, 51U}) {
     LinkBench b;

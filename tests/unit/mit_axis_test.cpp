@@ -212,8 +212,12 @@ TEST(MitAxis, TheTorqueADriveReportsIsTurnedToTheJoint) {
   (void)a.receive(test::mit_reply(0, node, 0x8000, 0x800, 4000));
   ASSERT_TRUE(a.observed_torque());
   EXPECT_NEAR(static_cast<double>(*a.observed_torque()), -2 * (4000 * 20.0 / 4095 - 10), 1e-5);
+  EXPECT_EQ(a.torque_age_ticks(), 0U);
+  a.begin_tick();
   (void)a.receive(test::mit_reply(0, node, 0x8000, 0x800, 4000, 5));
   EXPECT_FALSE(a.observed_torque());
+  EXPECT_EQ(a.torque_age_ticks(), 1U) << "a reply without it";
+  EXPECT_EQ(MitAxis{}.torque_age_ticks(), MitAxis::age_max);
 }
 
 // ---- errors

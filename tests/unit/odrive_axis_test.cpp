@@ -99,6 +99,8 @@ TEST(OdriveAxis, TwoHeartbeatsInClosedLoopMakeItReady) {
   hear(a, 8);
   EXPECT_TRUE(a.ready());
   EXPECT_TRUE(enable(a).empty()) << "nothing more to ask for";
+  a.begin_enabling();
+  EXPECT_TRUE(a.ready()) << "an axis in closed loop stays there";
   for (int i = 0; i < 300; ++i) {
     hear(a, 8);
     ASSERT_TRUE(a.ready()) << i;
