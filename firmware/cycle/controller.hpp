@@ -8,6 +8,7 @@
 
 #include "firmware/control/fused_law.hpp"
 #include "firmware/control/reference.hpp"
+#include "firmware/cycle/borne_damping.hpp"
 #include "firmware/cycle/controller_config.hpp"
 #include "firmware/cycle/estimate.hpp"
 #include "firmware/cycle/homing.hpp"
@@ -284,20 +285,35 @@ class Controller {
     }
     return rest;
   }
+  /// Of the effector where type 2 may be passed, unless that way leaves the reach and the base joints know
+  /// one: in their assembly mode.
+  [[gnu::cold, gnu::noinline]] void begin_stop(const Tracking<M>& t) {
+    memory_.begin_halt();
+    if (passes_type2()) {
+      stop_space_ = ReferenceSpace::effector;
+      stop_trajectory_.begin(t.pose.effector, config_.mechanism.tip_rate(t.pose, t.rates));
+      if (!(M::sin_type2_in_mode(t.pose, config_.mode) > S(0)) || stop_is_in_reach()) return;
+    }
+    stop_space_ = ReferenceSpace::base_joints;
+    stop_trajectory_.begin(M::base_angles(t.pose), M::base(t.rates));
+  }
+  [[nodiscard, gnu::cold]] bool stop_is_in_reach() const {
+    for (std::uint32_t quarter = 1; quarter <= 4; ++quarter) {
+      Desired<M> d;
+      const Motion2<S> m = stop_trajectory_.at(config_.halt_ticks * quarter / 4U);
+      if (!desired(stop_space_, m, d.pose, d.rates, d.acceleration) ||
+          M::min_abs_sin_type1(d.pose) < config_.limits.min_abs_sin_type1)
+        return false;
+    }
+    return true;
+  }
   /// Along the stop trajectory to rest; the mechanism then stays there.
   [[gnu::cold]] Fault bring_to_rest(State state, Tracking<M>& t, TickResult<M>& out) {
-    const bool at_effector = passes_type2();
     const Truth<S> rest = at_rest(t.rates);
-    if (!stop_trajectory_.begun()) {
-      const Vec2<S> position = at_effector ? Vec2<S>(t.pose.effector) : M::base_angles(t.pose);
-      const Vec2<S> velocity = at_effector ? config_.mechanism.tip_rate(t.pose, t.rates) : M::base(t.rates);
-      stop_trajectory_.begin(position, velocity);
-      memory_.begin_halt();
-    }
+    if (!stop_trajectory_.begun()) begin_stop(t);
     if (config_.predict != nullptr && state != State::lowering) config_.predict(config_, memory_, t);
     const Motion2<S> m = stop_trajectory_.at(lead_ticks_);
-    if (!desired(at_effector ? ReferenceSpace::effector : ReferenceSpace::base_joints, m, t.desired_pose,
-                 t.desired_rates, t.desired_acceleration)) {
+    if (!desired(stop_space_, m, t.desired_pose, t.desired_rates, t.desired_acceleration)) {
       return Fault::halt_failed;
     }
     if (state == State::halting) {
@@ -309,24 +325,6 @@ class Controller {
     return Fault::none;
   }
 
-  /// Damping of two coordinates that takes a fifth of their speed in a tick, less where the loop has delays,
-  /// which it bears: of their inertia, with the other one free. `first`, `second`: rates of the mechanism at
-  /// their unit rates.
-  [[nodiscard, gnu::cold]] Vec2<S> borne_damping(const typename M::Pose& pose, const typename M::Rates& first,
-                                                 const typename M::Rates& second) const {
-    const M& m = config_.mechanism;
-    const typename M::Channels a = m.channel_rates(pose, first), b = m.channel_rates(pose, second),
-                               of_a = m.mass().cwiseProduct(a), of_b = m.mass().cwiseProduct(b);
-    S aa(0), ab(0), bb(0);
-    for (int i = 0; i < M::channels; ++i) {
-      aa += a[i] * of_a[i];
-      ab += a[i] * of_b[i];
-      bb += b[i] * of_b[i];
-    }
-    const S ticks = S(1) + config_.delay_ticks + config_.lag_ticks;
-    const S share = S(0.2) / (ticks * config_.sample_time);
-    return {share * (aa - ab * ab / bb), share * (bb - ab * ab / aa)};
-  }
   /// Fading weight compensation, and damping that reaches the torque limit at a tenth of the allowed speed,
   /// or what the loop bears.
   [[gnu::cold]] void lowering_torque(const Tracking<M>& t, TickResult<M>& out) {
@@ -339,7 +337,8 @@ class Controller {
       if (passes_type2()) {
         const typename M::Channels still = M::Channels::Zero();
         typename M::Channels w = m.force(still, M::Rates::Zero()) * left;
-        const Vec2<S> damping = borne_damping(t.pose, m.chain_rates(t.pose, x), m.chain_rates(t.pose, y));
+        const Vec2<S> damping =
+            borne_damping(config_, t.pose, m.chain_rates(t.pose, x), m.chain_rates(t.pose, y));
         w.template head<2>() -= damping.cwiseProduct(m.tip_rate(t.pose, t.rates));
         Vec<S, M::joints> preload;  // is no weight
         config_.allocate(config_, t.pose, w, out.torque);
@@ -349,7 +348,7 @@ class Controller {
       }
     }
     const Vec2<S> held = weight(t.pose), rate = M::base(t.rates);
-    const Vec2<S> borne = borne_damping(t.pose, m.base_rates(t.pose, x), m.base_rates(t.pose, y));
+    const Vec2<S> borne = borne_damping(config_, t.pose, m.base_rates(t.pose, x), m.base_rates(t.pose, y));
     Vec2<S> torque;
     for (int i = 0; i < 2; ++i) {
       const S most = config_.torque_limit[Config::joint_of(i, 2)] / (config_.limits.joint_speed * S(0.1));
@@ -491,6 +490,7 @@ class Controller {
   Limits<S> halting_limits_{};
   JoinedReference<S> reference_{};
   StopTrajectory<S> stop_trajectory_{};
+  ReferenceSpace stop_space_ = ReferenceSpace::base_joints;
   SignTest<M> sign_test_{};
   SetpointGenerator<S> setpoints_{};
   PathRate<S> path_rate_{};

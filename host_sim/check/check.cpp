@@ -144,7 +144,7 @@ void judge_link(const Scene& scene, Findings& f) {
         c.status_ticks, set, c.telemetry_ticks, frames);
   if (c.arm_by_link && c.timeout == 0.0)
     f.warning(Code::unattended, "command.timeout",
-              "command.timeout = 0: motion goes on when the console that asked for it is gone");
+              "command.timeout = 0: a reference goes on, and a set point is held, when the console is gone");
 }
 
 void judge_unattended(const Scene& scene, Findings& f) {

@@ -112,8 +112,7 @@ struct DriveScene {
   Zero zero = Zero::absolute;
   std::vector<double> zero_pose;  // rad, per sensed joint in the order of the joints; empty: the start
   std::vector<double> homing_speed, homing_torque;  // of the base joints, rad/s and N m; empty: no homing
-  double speed_step =
-      0.0;  // rad/s at a base joint, the largest: in which a drive tells its speed; 0: in floats
+  double speed_step = 0.0;                          // rad/s at a joint, in which drives tell it; 0: floats
   double homing_back_off = 0.05;                    // rad, off each stop
   std::optional<bool> sign_test;                    // unset: only where the bus can carry real drives
   std::optional<bool> watchdog_test;                // likewise

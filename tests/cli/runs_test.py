@@ -204,6 +204,15 @@ class Told(Case):
         piped.send_signal(signal.SIGINT)
         self.assertEqual(piped.communicate()[1], "")
 
+    def test_a_halt_of_four_motors_near_the_reach_is_held(self):
+        """The effector's straight way to rest would leave the reach: the base joints' does not."""
+        four = ("control.motors=all", "control.sensors=all", "drives.nodes=[1, 2, 3, 4]", "control.torque_limit=5", "reference.join=0.3", "simulation.duration=2", "limits.after_halt=hold")
+        for x, y, radius, speed, top in ((0.044, 0.153, 0.09, 1.55, 0.187), (-0.016, 0.185, 0.053, 1.55, 0.214), (0.004, 0.194, 0.073, 1.02, 0.25)):
+            run = esmc("sim", CIRCLE, "--json", *sets(*four, f"reference.center=[{x}, {y}]", f"reference.radius={radius}", f"reference.speed={speed / radius}",
+                                                      f"limits.workspace={{x=[-1, 1], y=[-1, {top}]}}"))
+            found = json.loads(run.stdout)["supervisor"]
+            self.assertEqual(([f["name"] for f in found["faults"]], found["final_state"]), (["workspace"], "holding"))
+
     def test_halts_and_lowering_ring_nowhere(self):
         """Torque stays far from its limit, and changes its sign a few times only."""
         box = "limits.workspace={x=[-0.6, 0.6], y=[%g, %g]}"
