@@ -6,10 +6,10 @@
 namespace esmc {
 
 /// Damping of two coordinates, N m s/rad (N s/m), each of which takes a fifth of its speed in a tick, less
-/// where the loop has delays: by its inertia with the other one free, M_ii - M_ij^2 / M_jj. Both together take
-/// at most twice as much, g = 0.4 / (1 + delay_ticks + lag_ticks); D ticks of delay bear g < 2 sin(pi / (4 D +
-/// 2)), so D may be 3 (1 + delay_ticks + lag_ticks). `first`, `second`: rates of the mechanism
-/// at a unit rate of each. Not finite where the coordinates are singular.
+/// where the loop has delays: by its inertia with the other one free, M_ii - M_ij^2 / M_jj. Both together
+/// take at most twice as much, g = 0.4 / (1 + delay_ticks + lag_ticks); D ticks of delay bear g < 2 sin(pi /
+/// (4 D + 2)), so D may be 3 (1 + delay_ticks + lag_ticks). `first`, `second`: rates of the mechanism at a
+/// unit rate of each. Not finite where the coordinates are singular.
 template <class M>
 [[nodiscard, gnu::cold, gnu::noinline]] Vec2<typename M::Scalar> borne_damping(
     const ControllerConfig<M>& config, const typename M::Pose& pose, const typename M::Rates& first,

@@ -156,6 +156,46 @@ TEST(ControllerLowering, FourMotorsWithFourEncodersAreLoweredByTheEffector) {
   EXPECT_LT(braked.torque.dot(a.now.rate), four.torque.dot(a.now.rate)) << "against the motion";
 }
 
+/// Straight on, unless that way leaves the reach or comes too near to its edge: then the base joints come to
+/// rest, if the pose is of their assembly mode.
+TEST(ControllerHalting, FourMotorsWithFourEncodersStopTheEffectorWithinItsReach) {
+  const struct {
+    double speed, least_type1;  // m/s; of the present sine of type 1
+    bool other_mode, straight;
+  } cases[] = {
+      {0.2, 0.5, false, true}, {8.0, 0.0, false, false}, {1.5, 0.9, false, false}, {8.0, 0.0, true, true}};
+  for (const auto& c : cases) {
+    auto a = lowering<Five>();
+    a.config.motors = Motors::all;
+    a.config.sensors = Sensors::all;
+    a.config.allocate = allocation_for<Five>(Motors::all);
+    a.config.torque_limit.setConstant(9.0);
+    a.config.halt_ticks = 100;
+    a.config.limits.joint_speed = 1e4;
+    const Five& m = a.config.mechanism;
+    const auto pose = estimate_from_all(m, a.now.angle, Vec<double, 4>::Zero().eval()).pose;
+    a.config.limits.min_abs_sin_type1 = c.least_type1 * Five::min_abs_sin_type1(pose);
+    if (c.other_mode) a.config.mode.assembly = -a.config.mode.assembly;
+    a.start();
+    const Vec2<double> away(0.1, 1.0);
+    const auto r = m.chain_rates(pose, Vec2<double>(away * c.speed));
+    a.now.rate = {r.leg[0][0], r.leg[0][1], r.leg[1][0], r.leg[1][1]};
+    a.tick(Command::halt);
+    TickResult<Five> last = a.tick();
+    for (int n = 0; n < 10; ++n) last = a.tick();
+    ASSERT_EQ(last.state, State::halting) << c.speed << ' ' << name(last.fault);
+    const Vec2<double> way = last.desired_effector - pose.effector;
+    EXPECT_GT(way.dot(away), 0.0);
+    const double aside = std::abs(way[0] * away[1] - way[1] * away[0]) / way.norm();
+    EXPECT_EQ(aside < 1e-9, c.straight) << c.speed << ' ' << aside;
+    if (!c.other_mode) continue;  // no other way is known
+    for (int n = 0; n < 100 && last.state == State::halting; ++n) last = a.tick();
+    EXPECT_EQ(last.state, State::fault);
+    EXPECT_EQ(last.fault, Fault::halt_failed);
+    EXPECT_TRUE(last.torque.isZero(0));
+  }
+}
+
 TEST(ControllerLowering, AJointIsAtRestIfItsDriveTellsNoMore) {
   for (const double told : {0.0, 2.0}) {
     auto a = lowering<Arm>();  // 2 % of joint_speed are 1 rad/s
