@@ -1,6 +1,7 @@
 #pragma once
 /// The loops that run a cycle on a board.
 
+#include <bit>
 #include <concepts>
 #include <cstdint>
 
@@ -96,9 +97,10 @@ class LockstepLoop {
 /// Loop in real time: tick k begins k periods after the first. Frames that the bus has not taken by then are
 /// withdrawn where the bus supports it, so that no torque is older than its tick. Before the first arming no
 /// torque frame is sent, not even zero: drives that an earlier controller left armed lose torque by their
-/// watchdogs. A tick that begins half a period late is counted, and the schedule shifts; two in a row, or one
-/// that is `gap_us` and ten periods late, are the fault `tick_late`: commands from before the gap must not
-/// act after it.
+/// watchdogs. A tick that begins half a period late is counted, and the schedule shifts; two in a row, four
+/// of 64, or one that is `gap_us` and ten periods late, are the fault `tick_late`: the law's sample time must
+/// hold, also in a loop that is overloaded by a few per cent, and commands from before a gap must not act
+/// after it.
 template <class Node, Board B>
 class TimedLoop {
  public:
@@ -157,14 +159,14 @@ class TimedLoop {
  private:
   void begin(std::uint32_t since) {
     lateness_us_ = since;
+    late_ticks_ <<= 1U;
     if constexpr (requires { node_.late_by(since); }) node_.late_by(since);
     if (since > period_us_ / 2) {
       ++late_;
-      if (late_before_ || (since >= gap_us && since / 10U >= period_us_)) node_.tick_late();
-      late_before_ = true;
+      const bool repeated = (late_ticks_ & 2U) != 0 || std::popcount(late_ticks_) >= 3;
+      late_ticks_ |= 1U;
+      if (repeated || (since >= gap_us && since / 10U >= period_us_)) node_.tick_late();
       next_us_ += since;
-    } else {
-      late_before_ = false;
     }
     began_us_ = next_us_ + (since > period_us_ / 2 ? 0U : since);
     asked_ = true;
@@ -193,7 +195,8 @@ class TimedLoop {
   B& board_;
   std::uint32_t period_us_, period_rest_ns_, patience_us_, next_us_, on_bus_us_, began_us_ = 0, rest_ns_ = 0,
                                                                                  late_ = 0, lateness_us_ = 0;
-  bool asked_ = false, late_before_ = false, armed_ = false;
+  std::uint64_t late_ticks_ = 0;  // of the last 64, the present one in bit 0
+  bool asked_ = false, armed_ = false;
 };
 
 }  // namespace esmc

@@ -18,9 +18,16 @@ class WaitingFrames {
   static constexpr std::uint32_t capacity = 32;
   static constexpr std::uint32_t returned_max = 3;  ///< frames beyond `capacity` that give_back() may add
 
-  /// Adds a copy of f behind those of its priority. False: full, nothing changed.
+  /// Adds a copy of f behind those of its priority; when full, in the place of the least urgent frame, which
+  /// is dropped: on a bus that lets only urgent frames through, the others must not keep these out. False:
+  /// full of frames that are not less urgent, nothing changed.
   [[nodiscard]] bool push(const CanFrame& f) {
-    if (size_ >= capacity) return false;
+    if (size_ >= capacity) {
+      if (arbitration(f) >= arbitration(frames_[0])) return false;
+      for (std::uint32_t i = 1; i < size_; ++i) copy_used(frames_[i], frames_[i - 1]);
+      --size_;
+      ++dropped_;
+    }
     insert(f, true);
     return true;
   }
@@ -29,6 +36,8 @@ class WaitingFrames {
     if (size_ < frames_.size()) insert(f, false);
   }
   [[nodiscard]] bool empty() const { return size_ == 0; }
+  /// Number of frames that push() has dropped.
+  [[nodiscard]] std::uint32_t dropped() const { return dropped_; }
   /// The most urgent frame; the caller ensures that it is not empty().
   [[nodiscard]] const CanFrame& front() const { return frames_[size_ - 1]; }
   /// Removes front(); the caller ensures that it is not empty().
@@ -64,7 +73,7 @@ class WaitingFrames {
   }
 
   std::array<CanFrame, capacity + returned_max> frames_{};  // the most urgent last
-  std::uint32_t size_ = 0;
+  std::uint32_t size_ = 0, dropped_ = 0;
 };
 
 }  // namespace esmc::hal

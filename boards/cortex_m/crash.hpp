@@ -12,7 +12,8 @@ inline constexpr std::uint32_t stack_paint = 0xA5A5'5A5AU;
 struct CrashRecord {
   static constexpr std::uint32_t mark = 0x45534D43U;  // "ESMC"
   std::uint32_t valid;                                ///< sum() of a complete record
-  /// M: 2 NMI, 3 hard fault, 4 memory, 5 bus, 6 usage, 16 + n interrupt n; R: number of its vector.
+  /// 0: none, but a watchdog's reset. M: 2 NMI, 3 hard fault, 4 memory, 5 bus, 6 usage, 16 + n interrupt n;
+  /// R: number of its vector.
   std::uint32_t exception;
   std::uint32_t fault_status;  ///< CFSR; R: DFSR
   std::uint32_t hard_status;   ///< HFSR; R: IFSR

@@ -31,9 +31,10 @@ struct DamagedFlash {
 /// Addresses, pins, clocks and drivers of this board, for stm32/board.hpp.
 struct NucleoG474re {
   static constexpr Word gpio_a = 0x4800'0000U, gpio_b = 0x4800'0400U, rcc = 0x4002'1000U;
-  static constexpr Word can_clock_hz = 24'000'000U;    // the crystal: no PLL between it and the bus
   static constexpr Word reset_clock_hz = 16'000'000U;  // its own oscillator, before start_clocks()
   static constexpr Word timer_clock_hz = 170'000'000U, console_clock_hz = 170'000'000U;
+  /// Of classic frames the crystal, without a PLL between it and the bus; 5 Mbit/s cannot be made of it.
+  [[nodiscard]] static constexpr Word can_clock_hz(bool fd) { return fd ? 170'000'000U : 24'000'000U; }
   using CanMemory = FdcanMemory<0x4000'6400U, 0x4000'A400U>;
   using Can = hal::Fdcan<hal::fdcan::G4, CanMemory>;
   using Slots = hal::flash::G4Slots<FlashMemory<flash_base, DamagedFlash>>;  // the last two pages of bank 2
@@ -71,12 +72,12 @@ struct NucleoG474re {
     for (int n = 0; n < 200; ++n) asm volatile("nop");
     set_field(rcc + 0x08, 0xFU << 4, 0);
     set_bits(rcc, 1U << 19);                // CSSON
-    set_field(rcc + 0x88, 3U << 24, 0);     // CCIPR: FDCAN from HSE
     set_bits(rcc + 0x58, (1U << 25) | 1U);  // APB1ENR1: FDCAN, TIM2
     finish_access(rcc + 0x58);
     return StartFault::none;
   }
-  static void prepare_can() {}  ///< this chip needs nothing before the CAN controller is opened
+  /// The CAN controller's clock (CCIPR): HSE, or PCLK1 for FD frames.
+  static void prepare_can(bool fd) { set_field(rcc + 0x88, 3U << 24, fd ? 2U << 24 : 0U); }
 
   /// A word of the random number generator, on the 48 MHz oscillator; 0: it gives none.
   [[nodiscard]] static Word random() {
@@ -91,6 +92,7 @@ struct NucleoG474re {
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x20) >> 8) & 7U; }
   static constexpr Word brown_out_level_max = 4;
 
+  static constexpr Word watchdog_reset = 1U << 29;
   /// Flags of the last reset (RCC_CSR), which it clears; bits: 31 low power, 30 window watchdog, 29
   /// independent watchdog, 28 software, 27 brown-out, 26 pin.
   [[nodiscard]] static Word reset_cause() {

@@ -36,8 +36,8 @@ struct NucleoH743zi2 {
   static constexpr Word gpio_b = 0x5802'0400U, gpio_d = 0x5802'0C00U, gpio_e = 0x5802'1000U,
                         rcc = 0x5802'4400U, pwr = 0x5802'4800U;
   static constexpr Word reset_clock_hz = 64'000'000U;  // its own oscillator, before start_clocks()
-  static constexpr Word can_clock_hz = 40'000'000U, timer_clock_hz = 200'000'000U,
-                        console_clock_hz = 100'000'000U;
+  static constexpr Word timer_clock_hz = 200'000'000U, console_clock_hz = 100'000'000U;
+  [[nodiscard]] static constexpr Word can_clock_hz(bool) { return 40'000'000U; }
   using CanMemory = FdcanMemory<0x4000'A000U, 0x4000'AC00U>;
   using Can = hal::Fdcan<hal::fdcan::H7, CanMemory>;
   using Slots = hal::flash::H7Slots<FlashMemory<flash_base, DamagedFlash>>;  // the last two sectors of bank 2
@@ -89,7 +89,7 @@ struct NucleoH743zi2 {
     return StartFault::none;
   }
   /// Bypasses the clock calibration unit (CCU_CCFG.BCC) in FDCAN1's configuration mode.
-  static void prepare_can() {
+  static void prepare_can(bool) {
     constexpr Word cccr = 0x4000'A018U;
     reg(cccr) = 1;
     (void)await(cccr, 1, 1);
@@ -110,6 +110,7 @@ struct NucleoH743zi2 {
   [[nodiscard]] static Word brown_out_level() { return (reg(flash_base + 0x1C) >> 2) & 3U; }
   static constexpr Word brown_out_level_max = 3;
 
+  static constexpr Word watchdog_reset = 1U << 26;
   /// Flags of the last reset (RCC_RSR), which it clears; bits: 28 window watchdog, 26 independent watchdog,
   /// 24 software, 23 power, 22 pin, 21 brown-out.
   [[nodiscard]] static Word reset_cause() {

@@ -26,9 +26,8 @@ struct Target : stm32::NucleoBoard {
 extern "C" [[noreturn]] void esmc_main() {
   static Target target;
   auto fault = target.start();
-  stm32::Chip::prepare_can();  // its interrupt stays off: the bench calls the handler
-  if (fault == stm32::StartFault::none &&
-      !target.bus().open(stm32::Chip::can_clock_hz, baked::bitrate, baked::data_bitrate, {}, true))
+  // Its interrupt stays off: the bench calls the handler.
+  if (fault == stm32::StartFault::none && !target.open(baked::bitrate, baked::data_bitrate, {}, true))
     fault = stm32::StartFault::can;
   if (fault != stm32::StartFault::none) {
     target.out() << "start: " << name(fault) << "\r\n";

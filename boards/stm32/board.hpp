@@ -32,11 +32,17 @@ class NucleoBoard {
   /// Joins the bus (bit/s; data_rate 0: classic), after start(), and enables its interrupt, the only one.
   /// False: not possible.
   [[nodiscard]] bool join(Word bit_rate, Word data_rate, const hal::IdFilters& filters) {
-    Chip::prepare_can();
-    if (!bus_.open(Chip::can_clock_hz, bit_rate, data_rate, filters)) return false;
+    if (!open(bit_rate, data_rate, filters)) return false;
     interrupting_can = &bus_;
     enable_interrupt(ESMC_CAN_INTERRUPT);
     return true;
+  }
+  /// The bus without its interrupt: see Fdcan::open.
+  [[nodiscard]] bool open(Word bit_rate, Word data_rate, const hal::IdFilters& filters,
+                          bool loop_back = false) {
+    const bool fd = data_rate != 0;
+    Chip::prepare_can(fd);
+    return bus_.open(Chip::can_clock_hz(fd), bit_rate, data_rate, filters, loop_back);
   }
 
   [[nodiscard]] Chip::Can& bus() { return bus_; }

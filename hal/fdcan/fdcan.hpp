@@ -98,7 +98,7 @@ class Fdcan {
   }
 
   /// Queues a frame. refused: not well formed, FD without data_rate, or bit_rate_switch without FD; bus_off:
-  /// see off(); bus_full: waiting_max frames wait.
+  /// see off(); bus_full: waiting_max frames wait, none of them less urgent.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || (f.fd && !fd_) || (f.bit_rate_switch && !f.fd)) return SendStatus::refused;
     if (off()) return SendStatus::bus_off;
@@ -154,27 +154,31 @@ class Fdcan {
     cancel([](const Buffer& b) { return b.perishable; });
   }
 
-  /// True if the controller has left the bus after 256 errors and not rejoined, or never joined.
-  [[nodiscard]] bool off() const { return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0; }
-  /// Rejoins after bus-off, dropping all waiting frames: the controller waits for 128 idle sequences and is
-  /// off() until then. Torque does not resume, for bus_off is a latched fault.
+  /// True if the controller does not send: it has left the bus after 256 errors and not rejoined, never
+  /// joined, or restricted its operation because its message memory was too slow.
+  [[nodiscard]] bool off() const {
+    return !opened_ || (a_.read(fdcan::psr) & fdcan::psr_bit::bus_off) != 0 ||
+           (a_.read(fdcan::cccr) & halted) != 0;
+  }
+  /// Rejoins where off(), dropping all waiting frames: after bus-off the controller waits for 128 idle
+  /// sequences and is off() until then. Torque does not resume, for bus_off is a latched fault.
   void rejoin() {
     if (!opened_ || !off()) return;
     withdrawn_ += waiting_.clear();
     cancel([](const Buffer&) { return true; });
     const fdcan::Word mode = a_.read(fdcan::cccr);
-    if ((mode & fdcan::cccr_bit::init) != 0)
-      a_.write(fdcan::cccr, mode & ~(fdcan::cccr_bit::init | fdcan::cccr_bit::cce));
+    if ((mode & halted) != 0) a_.write(fdcan::cccr, mode & ~(halted | fdcan::cccr_bit::cce));
   }
 
   /// Number of times that received frames were lost unread.
   [[nodiscard]] std::uint32_t overruns() const { return overruns_.load(std::memory_order_relaxed); }
-  /// Number of withdrawn frames, without those that were sent all the same.
-  [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_; }
+  /// Number of frames withdrawn or dropped for more urgent ones, without those that were sent all the same.
+  [[nodiscard]] std::uint32_t withdrawn() const { return withdrawn_ + waiting_.dropped(); }
   /// Transmit errors (0..255) in bits 7..0, receive errors (0..127) in bits 14..8: ECR.
   [[nodiscard]] std::uint32_t error_counters() const { return a_.read(fdcan::ecr) & 0x7FFFU; }
 
  private:
+  static constexpr fdcan::Word halted = fdcan::cccr_bit::init | fdcan::cccr_bit::restricted;
   /// Header and data as they lie in the message memory, in either direction.
   using Element = std::array<fdcan::Word, fdcan::element::words>;
   /// A transmit buffer of the controller, and the frame in it.
@@ -260,8 +264,8 @@ class Fdcan {
           free = i;
         } else if (buffers_[i].key == key) {
           return;
-        } else if (buffers_[i].key > key && !buffers_[i].taken_back) {
-          less_urgent |= 1U << i;
+        } else if (buffers_[i].key > key) {
+          less_urgent |= 1U << i;  // again at every call: a request under way may have missed the first
         }
       }
       if (free < buffers_.size()) {

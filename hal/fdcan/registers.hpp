@@ -20,8 +20,8 @@ inline constexpr Word dbtp = 0x0C, test = 0x10, cccr = 0x18, nbtp = 0x1C, tscc =
 inline constexpr BitTimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
 
 namespace cccr_bit {
-inline constexpr Word init = 1U << 0, cce = 1U << 1, csr = 1U << 4, mon = 1U << 5, test = 1U << 7,
-                      fdoe = 1U << 8, brse = 1U << 9;
+inline constexpr Word init = 1U << 0, cce = 1U << 1, restricted = 1U << 2, csr = 1U << 4, mon = 1U << 5,
+                      test = 1U << 7, fdoe = 1U << 8, brse = 1U << 9;
 }
 namespace psr_bit {
 inline constexpr Word error_passive = 1U << 5, bus_off = 1U << 7;

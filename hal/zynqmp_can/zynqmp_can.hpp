@@ -51,7 +51,8 @@ class ZynqmpCan {
     return opened_ = await(sr_bit::config, 0);
   }
 
-  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait; bus_off: for good.
+  /// Queues a frame. refused: not well formed, or FD; bus_full: waiting_max frames wait, none of them
+  /// less urgent; bus_off: for good.
   SendStatus try_send(const CanFrame& f) {
     if (!well_formed(f) || f.fd || f.bit_rate_switch) return SendStatus::refused;
     pump();

@@ -65,8 +65,9 @@ class FdcanModel {
     const bool open = (r_[0x18] & 2U) != 0 && init_;
     if (at == 0x18) {
       if ((v & 2U) != 0 && !init_) fault("CCE without INIT");
-      const std::uint32_t guarded = 0x0000'B3E4;  // NISO..BRSE, FDOE, TEST, DAR, MON, ASM
-      if (((v ^ r_[0x18]) & guarded) != 0 && !open) fault("a protected bit of CCCR");
+      const std::uint32_t guarded = 0x0000'B3E0;     // NISO..BRSE, FDOE, TEST, DAR, MON
+      const std::uint32_t set = v & ~r_[0x18] & 4U;  // ASM may be cleared at any time
+      if ((((v ^ r_[0x18]) & guarded) != 0 || set != 0) && !open) fault("a protected bit of CCCR");
       if (init_ && (v & 1U) == 0 && !off_) {  // its memory has no defined parity before it is written
         const std::uint32_t end = g4() ? 0x350U / 4 : std::max(rx_at(depth()), tx_at(tx_depth()));
         for (std::uint32_t w = 0; w < end; ++w) {
@@ -122,7 +123,10 @@ class FdcanModel {
   }
 
   // --- the bus's side
-  [[nodiscard]] bool on_bus() const { return !init_ && !off_; }
+  [[nodiscard]] bool on_bus() const { return !init_ && !off_ && !restricted(); }
+  /// Its memory was too slow for a frame: it listens and acknowledges, but sends no frame (CCCR.ASM).
+  void restrict() { r_[0x18] |= 4U; }
+  [[nodiscard]] bool restricted() const { return (r_.at(0x18) & 4U) != 0; }
   void bits(std::uint32_t n) { stamp_ += (reg(0x20) & 3U) == 1U ? n : 0U; }  // TSCC.TSS
   /// The frame that wins the arbitration among those asked for; it stays pending until delivered().
   std::optional<WireFrame> begin_frame() {

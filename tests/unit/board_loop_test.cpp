@@ -32,6 +32,7 @@ struct FakeNode {
   std::vector<Command> commands{};
   std::vector<std::size_t> late_at{};  // how many ticks had been done
   std::vector<bool> answers{};
+  std::uint32_t tick_us = 0;  // of each tick
   bool set_complete = false, flooded = false, healthy = true, powered = false, enabled = true;
   int withdrawn_before_request = 0;
   void enable_input(bool closed) { enabled = closed; }
@@ -45,6 +46,7 @@ struct FakeNode {
   int tick(Bus&, bool answer) {
     answers.push_back(answer);
     ticks.push_back(board.now);
+    board.now += tick_us;
     return 0;
   }
   void command(Command c) { commands.push_back(c); }
@@ -129,6 +131,33 @@ TEST(TimedLoop, OneLateTickIsCountedTwoInARowAreAFault) {
   EXPECT_EQ(node.late_at, std::vector<std::size_t>{node.ticks.size() - 1})
       << "before the second of them is done";
   EXPECT_TRUE(node.commands.empty());
+}
+
+/// The schedule shifts with each late tick, so that every other one is in time.
+TEST(TimedLoop, AnOverloadOfAFewPerCentIsAFault) {
+  for (const std::uint32_t tick_us : {900U, 1050U, 1100U, 1200U, 1400U, 1480U, 1520U}) {
+    FakeBoard board;
+    FakeNode<false> node{board};
+    node.tick_us = tick_us;
+    TimedLoop loop(node, board, 1'000'000);
+    run(board, loop, 100);
+    EXPECT_EQ(node.late_at.empty(), tick_us < 1000U) << tick_us;
+    if (tick_us > 1000U) EXPECT_LT(node.late_at.at(0), 64U) << tick_us;
+  }
+}
+
+TEST(TimedLoop, ThreeLateTicksOf64AreNone) {
+  for (const std::uint32_t between : {15U, 30U}) {
+    FakeBoard board;
+    FakeNode<false> node{board};
+    TimedLoop loop(node, board, 1'000'000);
+    for (int i = 0; i < 8; ++i) {
+      run(board, loop, 1000 * between);
+      board.now += 1700;
+    }
+    EXPECT_EQ(loop.late(), 7U);
+    EXPECT_EQ(node.late_at.empty(), between == 30U) << between;
+  }
 }
 
 TEST(TimedLoop, OutputsFollowAndTheWatchdogIsFedByGoodTicksOnly) {

@@ -127,6 +127,38 @@ TYPED_TEST(Fdcan, FullIsSaidAndNothingIsOverwritten) {
   }
 }
 
+/// A bus that is full of other nodes' frames keeps telemetry back; torque and idle still find a place.
+TYPED_TEST(Fdcan, AFullQueueGivesUpItsLeastUrgentFrame) {
+  this->open();
+  constexpr std::uint32_t places = 35;
+  for (std::uint32_t i = 0; i < places; ++i)
+    EXPECT_EQ(this->bus.try_send(frame(0x700 + i, {})), SendStatus::ok);
+  EXPECT_EQ(this->bus.try_send(frame(0x700 + places, {})), SendStatus::bus_full);
+  EXPECT_EQ(this->bus.withdrawn(), 0U);
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {1})), SendStatus::ok);
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {2})), SendStatus::ok);
+  EXPECT_EQ(this->bus.withdrawn(), 2U);
+  std::vector<std::uint32_t> order;
+  for (std::optional<WireFrame> f; (f = this->model.take()); this->poll()) order.push_back(f->id);
+  std::vector<std::uint32_t> want{0x10, 0x10};
+  for (std::uint32_t i = 0; i < places - 2; ++i) want.push_back(0x700 + i);
+  EXPECT_EQ(order, want);
+}
+
+TYPED_TEST(Fdcan, RestrictedOperationIsSaidAndLeft) {
+  this->open();
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {1})), SendStatus::ok);
+  this->model.restrict();
+  EXPECT_TRUE(this->bus.off());
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {2})), SendStatus::bus_off);
+  this->bus.rejoin();
+  EXPECT_FALSE(this->bus.off());
+  EXPECT_EQ(this->bus.try_send(frame(0x10, {3})), SendStatus::ok);
+  const auto f = this->model.take();
+  ASSERT_TRUE(f);
+  EXPECT_EQ(f->bytes[0], 3) << "the frames of before are dropped";
+}
+
 TYPED_TEST(Fdcan, FiltersHearWhatTheyAcceptAndCostNoInterrupt) {
   hal::IdFilters filters;
   filters.add({0x20, 0x7E0, false});

@@ -123,7 +123,8 @@ class Wrong(Exception):
 def main():
     esmc, scene, *board = (str(Path(a).resolve()) for a in sys.argv[1:])
     for judge in (circle, dies):
-        # A loop in real time that was not scheduled for half a second (13 ticks) proves nothing: then, and only then, again.
+        # A loop in real time that was not scheduled for half a second (13 ticks), or that says so (fault 29, tick_late), proves
+        # nothing: then, and only then, again.
         for again in (True, True, False):
             try:
                 attempt(judge, esmc, scene, board)
@@ -131,7 +132,7 @@ def main():
             except Wrong as e:
                 late, why = e.args
                 print(f"{judge.__name__}: {late} late ticks, {str(why)[:300]}")
-                if late < 13 or not again:
+                if (late < 13 and "fault 29" not in str(why)) or not again:
                     raise
 
 
