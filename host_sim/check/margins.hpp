@@ -78,6 +78,9 @@ Margins start_margins(const Scene& scene);
 /// m/s or rad/s, the state moves on with that.
 std::optional<Moment> moment_at(const Scene& scene, std::uint32_t tick, double least = 0.0);
 
+/// False with every joint driven and measured: type 2 is then no singularity of the loop.
+[[nodiscard]] bool guarded_type2(const Scene& scene);
+
 /// Delay, s, from a tick to the effect of its torque: compute_delay plus, with bit_timing, the longest time
 /// on the bus from sample to torque (no bound: a tick); `usual`: the usual time, if less than a tick.
 [[nodiscard]] double torque_delay(const Scene& scene, bool usual = false);

@@ -12,11 +12,6 @@
 namespace esmc::host {
 namespace {
 
-/// False with every joint driven and measured: type 2 is then no singularity of the loop.
-bool guarded_type2(const Scene& s) {
-  return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
-}
-
 /// Without a controller there are no ticks, in which some effects act.
 void judge_open_loop(const Scene& s, Findings& f) {
   std::string idle;
@@ -202,6 +197,10 @@ void judge_preload(const Scene& s, const Margins& m, Findings& f) {
 }
 
 }  // namespace
+
+bool guarded_type2(const Scene& s) {
+  return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
+}
 
 void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findings& f) {
   judge_step(s, f);

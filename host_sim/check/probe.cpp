@@ -64,6 +64,19 @@ double mean_change(const Scene& s, const Trace& t, const Stretch& over) {
   return over.size() > 0.0 ? sum / (over.size() * static_cast<double>(motors)) : 0.0;
 }
 
+/// True if the mechanism is in the other assembly mode than a controller with encoders at the base takes it
+/// to be in: it has passed type 2 between two ticks. `q`: of final_state.
+bool passed_type2_unseen(const Scene& s, const std::vector<double>& q) {
+  return guarded_type2(s) && with_mechanism<double>(s, [&]<class M>(const M*) {
+           if constexpr (M::has_type2) {
+             const M m(params_of<M>(s.mechanism));
+             const auto joints = q.end() - M::joints;
+             return !(M::sin_type2_in_mode(m.pose(Vec<double, M::joints>(&*joints)), mode_of<M>(s)) > 0.0);
+           }
+           return false;
+         });
+}
+
 /// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
 ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   const Trace t = probe(s);
@@ -82,8 +95,12 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
   const auto& errors = t.statistics.sums().effector;
   out.error = kind == ProbePart::Kind::slow ? errors.settled().largest : errors.all().largest;
-  if (!std::isfinite(t.end.q.front()))
+  if (!std::isfinite(t.end.q.front())) {
     out.diverged = out.t + static_cast<double>(t.saturated.size()) * s.tick();
+  } else if (out.fault.empty() && passed_type2_unseen(s, t.end.q)) {
+    out.fault = name(Fault::type2_singularity);
+    out.fault_t = out.t + s.duration;
+  }
   return out;
 }
 
@@ -234,7 +251,8 @@ void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePar
 }
 
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
-/// are typical. What clearly dies away, by all parts together, is spread over the ticks of the run.
+/// are typical. What clearly dies away, by all parts together, is spread over the ticks of the run; not where
+/// much is left of it, for a limit cycle may be what it falls to.
 double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t ticks) {
   double change = 0.0, rate = 0.0, spread = 0.0, moving = 0.0;
   for (const ProbePart* p : parts) {
@@ -247,7 +265,9 @@ double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t t
   rate /= moving;
   for (const ProbePart* p : parts) spread += p->change > 0.0 ? std::pow(std::log(p->growth) - rate, 2) : 0.0;
   const double error = moving > 1.0 ? std::sqrt(spread / (moving - 1.0) / moving) : 0.0;
-  return rate + 3.0 * error < -0.01 ? std::min(change, change / (-std::expm1(rate) * ticks)) : change;
+  constexpr double left = 0.15;
+  return rate + 3.0 * error < -0.01 && change < left ? std::min(change, change / (-std::expm1(rate) * ticks))
+                                                     : change;
 }
 
 }  // namespace
