@@ -225,7 +225,7 @@ void expect(Injection& i, const EpisodeTimes& t, const ProtocolTraits& traits) {
       break;
     case Injected::computer_gone:
       i.must_pass = i.length + 2 < t.link_ticks;
-      i.notice_ticks = i.length > t.link_ticks ? t.link_ticks + 1 : never;
+      i.notice_ticks = i.length > t.link_ticks && !t.unattended ? t.link_ticks + 1 : never;
       i.watch_ticks = t.link_ticks + t.off_after_halt_ticks;
       break;
     case Injected::controller_late:  // no sample was requested

@@ -36,6 +36,7 @@ struct EpisodeTimes {
   int off_after_halt_ticks = 0;  ///< a halt ends without torque within so many ticks; 0: it holds
   int silent_ticks = 750;        ///< silence of a drive while enabling, until arming is refused
   int link_ticks = 0;            ///< the time-out of the command interface that arms; 0: there is none
+  bool unattended = false;       ///< the reference goes on when the console is gone
   bool zeros_at_boot = false;    ///< the drives may report position 0 until their first closed loop
   std::size_t motors = 2, axes = 2;  ///< axes: with passive encoders
 

@@ -192,7 +192,7 @@ class Judge {
     bool any = false;
     for (std::size_t i = 0; i < plant.motors(); ++i) {
       any = any || plant.motor(i).torque != 0.0;
-      allowance_ += begun_ ? plant.motor(i).limit * plant.turned(i) : 0.0;
+      allowance_ += begun_ ? (plant.motor(i).limit + 0.5 * plant.motor(i).step) * plant.turned(i) : 0.0;
       unresolved_ += begun_ ? unresolved(plant.turned(i)) : 0.0;
     }
     scale_ = std::max({scale_, std::abs(total), std::abs(work)});

@@ -55,6 +55,7 @@ EpisodeTimes episode_times(const Scene& s) {
                       (s.drives.boot_time + 6.0 * std::min(0.15, s.drives.heartbeat_timeout)) * s.rate_hz)));
   if (s.command && s.command->arm_by_link)
     t.link_ticks = static_cast<int>(std::ceil(s.command->timeout * s.rate_hz));
+  t.unattended = s.reference.unattended && s.command && s.command->source == link::Source::reference;
   t.zeros_at_boot = s.drives.protocol == Protocol::odrive_0_5;
   t.motors = static_cast<std::size_t>(s.motors());
   for (std::size_t i = 0; s.drives.protocol == Protocol::mit && i < t.motors; ++i) {

@@ -44,12 +44,14 @@ HomingLoad homing_load(const Scene& scene, std::size_t i) {
   const bool arm = scene.type == MechanismType::rr;
   const LegParams<double>& leg = p.legs[arm ? 0 : i];
   if (arm && i == 1) {
-    const double weight = p.g * leg.m2 * leg.lg2;
+    const double weight = std::abs(p.g * leg.m2 * leg.lg2);
     return {leg.J2 + leg.rotor2 + leg.m2 * leg.lg2 * leg.lg2, weight, weight};
   }
-  const double own = p.g * leg.m1 * leg.lg1, bar = p.g * leg.m2;
-  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1, own + bar * leg.l1,
-          own + (arm ? bar * (leg.l1 + leg.lg2) : p.g * (p.legs[0].m2 + p.legs[1].m2 + p.m0) * leg.l1)};
+  // Moments of a counterweight and of what it balances have opposite signs; the elbow may turn one of them.
+  const double own = p.g * leg.m1 * leg.lg1, bar = own + p.g * leg.m2 * leg.l1,
+               all = own + p.g * (p.legs[0].m2 + p.legs[1].m2 + p.m0) * leg.l1;
+  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1, std::abs(bar),
+          arm ? std::abs(bar) + std::abs(p.g * leg.m2 * leg.lg2) : std::max(std::abs(own), std::abs(all))};
 }
 
 namespace {
@@ -99,7 +101,8 @@ link::LinkConfig make_link(const Scene& scene, Pacing pacing, ReferenceSpace spa
   return c;
 }
 
-/// Of the base joints; none without its keys.
+/// Of the base joints; none without its keys. Torques are of the joints: a motor that gives another torque
+/// than it is asked for (control.model.torque_factor) is asked for another one.
 template <class S>
 HomingConfig<S> make_homing(const Scene& scene) {
   HomingConfig<S> h;
@@ -111,8 +114,9 @@ HomingConfig<S> make_homing(const Scene& scene) {
   for (int i = 0; i < 2; ++i) {
     const auto u = static_cast<std::size_t>(i);
     h.speed[i] = static_cast<S>(scene.drives.homing_speed[u]);
-    h.torque[i] = static_cast<S>(scene.drives.homing_torque[u]);
-    h.damping[i] = static_cast<S>(bandwidth * homing_load(scene, u).inertia);
+    const double factor = scene.model.torque_factor[u];
+    h.torque[i] = static_cast<S>(scene.drives.homing_torque[u] / factor);
+    h.damping[i] = static_cast<S>(bandwidth * homing_load(scene, u).inertia / factor);
   }
   h.travel = static_cast<S>(travel);
   h.back_off = static_cast<S>(scene.drives.homing_back_off);
@@ -135,8 +139,15 @@ void require_homing_pose(const Scene& scene, const typename C::Config& c) {
   for (int i = 0; i < 2; ++i) {
     off[i] -= std::copysign(c.homing.back_off, c.homing.speed[i]);
     constexpr double room = 1.5;  // for friction, and legs that help each other little
-    const double least = room * std::abs(homing_load(scene, static_cast<std::size_t>(i)).hold);
-    if (static_cast<double>(c.homing.torque[i]) < least)
+    const auto motor = static_cast<std::size_t>(i);
+    const double factor = scene.model.torque_factor[motor], given = scene.torque_limit[motor] * factor,
+                 least = room * homing_load(scene, motor).hold;
+    if (scene.drives.homing_torque[motor] > given)
+      refuse_at(scene.drives.where,
+                "'homing_torque': motor {} gives {:.3g} N m at control.torque_limit "
+                "(control.model.torque_factor = {:g})",
+                i + 1, given, factor);
+    if (scene.drives.homing_torque[motor] < least)
       refuse_at(scene.drives.where,
                 "'homing_torque': joint {} needs at least {:.3g} N m, 1.5 times what its weight may take: "
                 "less would hang in the air and take that for an end stop",

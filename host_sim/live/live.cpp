@@ -54,7 +54,13 @@ class Runner {
 
  private:
   void step() {
-    session_.tick();
+    try {
+      session_.tick();
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const std::runtime_error& e) {
+      session_.fail(e.what());
+    }
     // A page plots no more than 1000 points a second.
     const auto stride =
         std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));

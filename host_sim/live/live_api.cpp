@@ -83,7 +83,7 @@ class Page final : public Client {
                          api.samples_.end() - std::min(samples_shown, api.samples_.list.size()))),
         hand_(api.usual_hand_) {}
   ~Page() override {
-    if (held_) (void)api_.exchange_.orders.push(Hand{.most = hand_.most});  // releases the pull
+    if (held_) api_.release_ = Hand{.most = hand_.most};
   }
   Page(const Page&) = delete;
   Page& operator=(const Page&) = delete;
@@ -185,7 +185,10 @@ class Page final : public Client {
   void set_hand(const Json& j) {
     if (!j.is_object()) throw Malformed();
     Hand h = hand_;
-    constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3;
+    constexpr double most_stiff = 1e4, most_damped = 1e3, strongest = 1e3, farthest = 1e3;
+    const auto within = [](V2 v, double most) {
+      return V2{std::clamp(v.x, -most, most), std::clamp(v.y, -most, most)};
+    };
     const auto optional = [&](const char* key, double& into, double most) {
       if (j.contains(key)) into = std::clamp(number(j[key]), 0.0, most);
     };
@@ -193,9 +196,10 @@ class Page final : public Client {
     optional("damping", h.damping, most_damped);
     optional("most", h.most, strongest);
     h.holding = j.contains("at") && !j["at"].is_null();
-    if (h.holding) h.anchor = pair(j["at"]);
-    h.push = j.contains("push") ? pair(j["push"]) : V2{};
+    if (h.holding) h.anchor = within(pair(j["at"]), farthest);
+    h.push = j.contains("push") ? within(pair(j["push"]), strongest) : V2{};
     api_.send(h);
+    api_.release_.reset();
     hand_ = h;
     held_ = h.holding || h.push.x != 0.0 || h.push.y != 0.0;
   }
@@ -252,6 +256,7 @@ LiveApi::LiveApi(const RunOptions& options, std::shared_ptr<const Scene> scene, 
 std::unique_ptr<Client> LiveApi::on_connect() { return std::make_unique<Page>(*this); }
 
 void LiveApi::on_timer() {
+  if (release_ && exchange_.orders.push(*release_)) release_.reset();  // full: at the next call
   LiveSample s;
   while (exchange_.samples.pop(s)) {
     if (mcap_ != nullptr) mcap_->row(sample_values(s, *scene_), s.state);

@@ -57,6 +57,7 @@ class LiveApi final : public Service {
   LoopCounts loop_;
   RunMcap* mcap_ = nullptr;
   Hand usual_hand_;
+  std::optional<Hand> release_;  ///< the hand of a page that has gone, to be sent
 };
 
 /// An effect of a scene: payload, and `mass = 0.3`.

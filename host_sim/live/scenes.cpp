@@ -62,7 +62,7 @@ void prepare_live_scene(Scene& scene, bool controller_elsewhere) {
   if (armed_by_link(scene)) {
     throw InputError(
         scene.control_where,
-        "'command.arm_by_link': a live bench has no supervisor computer that could arm it; set it to false");
+        "'command.arm': a live bench has no supervisor computer that could arm it; set it to \"start\"");
   }
   if (!scene.reference.join) scene.reference.join = usual_join(scene.reference);
 }
@@ -147,7 +147,14 @@ std::shared_ptr<const Scene> read_live_scene(const RunOptions& o) {
   auto scene = std::make_shared<Scene>(read_loop_scene(paced));
   prepare_live_scene(*scene, paced.realtime);
   require_confirmed(*scene);
-  with_world(*scene, [&]<class World>(World) { require_reachable<World>(*scene, Pacing::lockstep); });
+  with_world(*scene, [&]<class World>(World) {
+    require_reachable<World>(*scene, Pacing::lockstep);
+    if (paced.realtime) return;
+    // What no controller takes is refused here; designed gains are then known to the loop, which does not
+    // wait.
+    const auto reference = make_reference(*scene, Pacing::lockstep);
+    (void)make_cycle_config<typename World::Mechanism>(*scene, Pacing::lockstep, reference);
+  });
   return scene;
 }
 

@@ -157,6 +157,9 @@ class LiveFault {
   hal::CanFrame foreign_{};
 };
 
+/// True if a fault can begin while the loop runs on these drives.
+bool can_inject(const InjectionRow& row, Protocol protocol);
+
 class LiveSession {
  public:
   virtual ~LiveSession() = default;
@@ -168,6 +171,10 @@ class LiveSession {
     std::visit([&](const auto& x) { take(x); }, o);
   }
   virtual void tick() = 0;  ///< runs one period()
+  /// The last tick() has thrown: the mechanism stays where it is until the order home.
+  void fail(const char* why) {
+    if (!std::exchange(diverged_, true)) emit("fault", fmt::format("{}: home", why));
+  }
   /// Sample of the last tick.
   [[nodiscard]] const LiveSample& sample() const { return sample_; }
   /// Events since the last call.
@@ -190,6 +197,9 @@ class LiveSession {
   virtual void take(const SceneOrder& o) = 0;
   void take(const Hand& h) { hand_ = h; }
   void take(const Injection& o) {
+    // Drives of another protocol may have been ordered, and not be there yet.
+    if (!can_inject(*o.row, scene_->drives.protocol))
+      return emit("note", fmt::format("{}: no fault of these drives", o.row->name));
     std::string text = fault_.order(o, traits(), *scene_);
     if (!text.empty()) emit("order", std::move(text));
   }
@@ -226,8 +236,6 @@ RestartLevel restart_level(const Scene& from, const Scene& to);
 
 /// A fault with its usual amount and length; `drive` from 0.
 Injection usual_injection(const InjectionRow& row, std::size_t drive);
-/// True if a fault can begin while the loop runs on these drives.
-bool can_inject(const InjectionRow& row, Protocol protocol);
 /// True if the fault can begin without access to the controller, from the bus, drives and sensors.
 bool can_inject_from_outside(const InjectionRow& row);
 

@@ -64,6 +64,17 @@ class Campaign(Case):
             j = self.campaign(scene, "--set", "simulation.step=1e-3", "--episodes", "300")
             self.assertTrue(j["violations"] == [], f"{scene}: {j['violations'][:3]}")
 
+    def test_a_reference_that_goes_on_without_its_console(self):
+        led = 'command={arm="link", source="reference", speed=0.3, acceleration=3.0, timeout=0.2}'
+        for scene in ((led, "reference.unattended=true"), (led,)):
+            j = self.campaign(CIRCLE, "--fault", "computer_gone", "--episodes", "120", *sets(*scene))
+            self.assertEqual(j["violations"], [], scene)
+
+    def test_a_torque_is_judged_to_the_step_of_its_frame(self):
+        j = self.campaign(CIRCLE, "--protocol", "mit", "--fault", "swapped_nodes", "--episodes", "150",
+                          *sets("drives.gear_ratio=[9,9]", "drives.position_range=[100,100]", "drives.velocity_range=[2000,2000]"))
+        self.assertEqual(j["violations"], [])
+
     def test_slow_loop(self):
         slow = self.campaign(CIRCLE, "--set", "control.rate_hz=100", "--episodes", "250")["reaction_ms"]
         self.assertTrue(30.0 < slow["host_death_max"] <= 50.0, f"host death at 100 Hz: {slow['host_death_max']} ms")

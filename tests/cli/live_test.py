@@ -296,8 +296,13 @@ def what_a_page_can_do(page):
     page.say(hand={"at": [0.1, 0.3]})
     pulled = page.wait(lambda m: "now" in m and m["now"]["anchor"] == [0.1, 0.3], "the hand")["now"]
     assert sum(f * f for f in pulled["force"]) > 0.01, pulled
+    page.say(hand={"at": [1e306, 0.0], "push": [0.0, -1e200]})
+    pulled = page.wait(lambda m: "now" in m and m["now"]["anchor"] == [1000.0, 0.0], "a hand far away")["now"]
+    assert sum(f * f for f in pulled["force"]) > 0.01 and pulled["fault"] == "none", pulled
     page.say(hand={})
     page.wait(lambda m: "now" in m and m["now"]["force"] == [0.0, 0.0], "no hand")
+    page.say(set=['control.gain="robust"', "uncertainty={m1=0.5, m2=0.9}"])
+    page.wait(lambda m: any("no tube around the motion" in a for a in m.get("answers", [])), "gains that cannot be designed")
     page.say(set=["control.law=smc", "control.gain=60.0"])
     page.wait(lambda m: m.get("scene", {}).get("law") == "smc", "another law")
     page.wait(lambda m: "now" in m and m["now"]["state"] == "enabling", "a restart")

@@ -40,9 +40,9 @@ class Verdicts(Case):
             self.assertTrue(found == set() if one is None else one in found, (values, found))
             self.assertLessEqual({code for _, code, _ in found}, listed)
 
-    def judged(self, values, level, *codes, where=None):
+    def judged(self, values, level, *codes, where=None, scene=CIRCLE):
         for code in codes:
-            found = [f for f in self.check(CIRCLE, *values)["findings"] if f["code"] == code]
+            found = [f for f in self.check(scene, *values)["findings"] if f["code"] == code]
             self.assertIn(level, [f["level"] for f in found], (values, code))
             self.assertTrue(where is None or where in [f["where"] for f in found], found)
 
@@ -86,10 +86,14 @@ class Verdicts(Case):
         self.judged(weak, "error", "limit_crossed", where="limits")
         slow = [p for p in self.check(CIRCLE, *weak)["simulated"] if p["rate_hz"] < 1000]
         self.assertEqual([(p["ticks"], p["rate_hz"], p["fault"]) for p in slow], [(80, 50, "type2_singularity")])
-        # A law with a wrong model loses its reference.
-        weak = ("reference.join=0.3", "control.law=ctc", "control.lambda=20", "control.model={m1=0.4, m2=0.4, J1=0.4, J2=0.4}", "control.torque_limit=0.4")
-        self.judged(weak, "error", "torque_exceeded", where="control.torque_limit")
-        self.judged(weak, "warning", "not_followed", where="control")
+        # Weaker still, it falls through type 2 between two ticks of the lower rate, which encoders at the base do not see.
+        weak = ("reference.join=0.3", "control.law=pd", "control.kp=1", "control.kd=0.1")
+        self.assertIn("FAULT: type2_singularity", esmc("sim", CIRCLE, *sets(*weak)).stdout)
+        self.judged(weak, "error", "limit_crossed", where="limits")
+        # A soft law is pushed off its reference.
+        weak = ("control.law=ctc", "control.lambda=8", 'reference={type="circle", center=[0.3, 0.2], radius=0.004, speed=2.0}', 'initial={at="reference"}',
+                'effects=[{type="external_force", force=[4.0, 4.0], from=0.0, to=9.0}]')
+        self.judged(weak, "warning", "not_followed", where="control", scene=ARM)
 
     def test_no_lower_rate_where_it_would_be_another_scene(self):
         self.assertEqual(self.check(CIRCLE, "control.gain=0")["verdict"], "warnings")  # nothing holds against its errors
@@ -345,6 +349,21 @@ class Verdicts(Case):
             run = esmc("check", CIRCLE, *sets(*homing, "limits.joint_angle=[[-0.3, 0.7], [1.1, 2.0]]", "mechanism.gravity=9.8", change))
             self.assertEqual(run.returncode, 2, change)
             self.assertIn(key, run.stderr)
+        # A motor that gives half of what it is asked for reaches half of its limit.
+        half = [*homing, "mechanism.gravity=9.8", "control.model={torque_factor=0.5}"]
+        self.assertEqual(esmc("check", CIRCLE, *sets(*half)).returncode, 0)
+        self.assertIn("motor 1 gives 0.75 N m at control.torque_limit", esmc("check", CIRCLE, *sets(*half, "control.torque_limit=1.5")).stderr)
+
+    def test_homing_bears_a_counterweight(self):
+        """Balanced with the elbow one way, an arm is not with it the other way."""
+        leg = "mechanism.leg={l1=0.30, l2=0.25, lg1=-0.27, lg2=0.11, m1=1.2, m2=0.8, J1=1e-2, J2=4.5e-3}"
+        homing = ('drives.zero="end_stop"', "drives.zero_pose=[-0.3, 2.8]", "drives.homing_speed=[-0.3, 0.3]", 'command={arm="link", speed=0.3, acceleration=3.0}',
+                  "initial={joints=[1.5, 2.7]}", 'reference={type="hold"}', "mechanism.gravity=9.8", "control.torque_limit=[5.0, 5.0]", leg)
+        for torque, code in ((0.9, 2), (3.0, 0)):
+            run = esmc("check", ARM, *sets(*homing, f"drives.homing_torque=[{torque}, 1.4]"))
+            self.assertEqual(run.returncode == 2, code == 2, run.stderr)
+            if code:
+                self.assertIn("'homing_torque': joint 1 needs at least 2.53 N m", run.stderr)
 
     def test_node_zero_is_for_no_bus(self):
         zero = sets("drives.nodes=[0, 1]")

@@ -207,6 +207,29 @@ TEST(LiveSession, AFaultIsNamedLatchedAndReset) {
   EXPECT_STREQ(s->sample().fault, "none");
 }
 
+/// What a page may inject follows the scene that it has asked for; the drives of before are still there.
+TEST(LiveSession, NoFaultOfDrivesThatAreNotThereYet) {
+  const auto s = session_of(five_bar, {"drives.protocol=mit"});
+  run(*s, 1500);
+  s->order(change(*s, five_bar, {"drives.protocol=odrive"}));
+  s->order(usual_injection(row("not_finite"), 0));
+  run(*s, 20);
+  EXPECT_TRUE(told(*s, "not_finite: no fault of these drives"));
+  EXPECT_STREQ(s->sample().fault, "none");
+}
+
+TEST(LiveSession, AnIntegrationThatFailsWaitsForHome) {
+  const auto s = session_of(five_bar);
+  run(*s, 1500);
+  s->fail("radau5 cannot solve its equations");
+  EXPECT_TRUE(told(*s, "radau5 cannot solve its equations: home"));
+  const double x = s->sample().effector[0];
+  run(*s, 50);
+  EXPECT_EQ(s->sample().effector[0], x) << "it stays where it is";
+  s->order(LiveCommand::home);
+  EXPECT_LT(ticks_until(*s, "running", 500), 500);
+}
+
 TEST(LiveSession, AChangeInAFaultWaitsForTheReset) {
   const auto s = session_of(five_bar);
   run(*s, 1500);
