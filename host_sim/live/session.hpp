@@ -198,7 +198,7 @@ class LiveSession {
   void take(const Hand& h) { hand_ = h; }
   void take(const Injection& o) {
     // Drives of another protocol may have been ordered, and not be there yet.
-    if (!can_inject(*o.row, scene_->drives.protocol))
+    if (o.row != nullptr && !can_inject(*o.row, scene_->drives.protocol))
       return emit("note", fmt::format("{}: no fault of these drives", o.row->name));
     std::string text = fault_.order(o, traits(), *scene_);
     if (!text.empty()) emit("order", std::move(text));
