@@ -142,7 +142,7 @@ TEST(TimedLoop, AnOverloadOfAFewPerCentIsAFault) {
     TimedLoop loop(node, board, 1'000'000);
     run(board, loop, 100);
     EXPECT_EQ(node.late_at.empty(), tick_us < 1000U) << tick_us;
-    if (tick_us > 1000U) EXPECT_LT(node.late_at.at(0), 64U) << tick_us;
+    EXPECT_TRUE(node.late_at.empty() || node.late_at[0] < 64U) << tick_us;
   }
 }
 
