@@ -37,7 +37,7 @@ void FaultyBus::faulty(const hal::CanFrame& f) {
       up(f);
       return up(f);
     case Injected::delay:
-      late_.emplace_back(tick_ + static_cast<std::uint64_t>(injection_->amount), f);
+      late_.emplace_back(tick_ + static_cast<std::uint64_t>(std::max(0.0, injection_->amount)), f);
       return;
     case Injected::reordering:  // every second one is overtaken by the next
       if (tick_ % 2 != 0) return up(f);

@@ -179,7 +179,8 @@ class Page final : public Client {
       o.length = static_cast<int>(
           std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, double{for_ever}));
     }
-    if (j.contains("amount")) o.amount = number(j["amount"]);
+    constexpr double largest = 1e6;  // frames in a tick, ticks of delay, N m, rad
+    if (j.contains("amount")) o.amount = std::clamp(number(j["amount"]), -largest, largest);
     api_.send(o);
   }
   void set_hand(const Json& j) {
