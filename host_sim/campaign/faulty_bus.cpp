@@ -1,5 +1,6 @@
 #include "host_sim/campaign/faulty_bus.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <limits>
