@@ -265,7 +265,7 @@ double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t t
   rate /= moving;
   for (const ProbePart* p : parts) spread += p->change > 0.0 ? std::pow(std::log(p->growth) - rate, 2) : 0.0;
   const double error = moving > 1.0 ? std::sqrt(spread / (moving - 1.0) / moving) : 0.0;
-  constexpr double left = 0.15;
+  constexpr double left = 0.3;  // near the limit torques do not fall as those of a linear loop
   return rate + 3.0 * error < -0.01 && change < left ? std::min(change, change / (-std::expm1(rate) * ticks))
                                                      : change;
 }
