@@ -103,8 +103,7 @@ class EpisodeKind {
  private:
   friend class EpisodeLoop<Traits>;
   /// Ticks from the command to enable to the release of the brake, without a fault. Throws RunError where the
-  /// loop does not reach its reference, follow it and halt: a campaign on such a loop says nothing about the
-  /// faults.
+  /// loop does not reach its reference: a campaign on such a loop says nothing about the faults.
   [[nodiscard]] int arming_ticks() const;
 
   [[nodiscard]] const Scene& defective(Injected k) const {
@@ -306,20 +305,16 @@ EpisodeResult EpisodeKind<Traits>::run(std::uint64_t seed, Draw draw, EpisodeTra
 
 template <class Traits>
 int EpisodeKind<Traits>::arming_ticks() const {
-  constexpr int goes_on = 100, rests = 10;  // ticks under the reference, and after the halt
-  const int halts = times_.join_ticks + goes_on, ends = halts + times_.halt_ticks + rests;
+  constexpr int looks_ahead = 16;  // as the controller does when it joins
   const int patience = std::max(2000, static_cast<int>(2.0 * scene_.rate_hz));
   const Injection nothing{.row = &injection_rows()[0]};
   EpisodeLoop<Traits> loop(*this, nothing);
   int armed = -1;
-  for (int tick = 0; armed < 0 || tick <= armed + ends; ++tick) {
+  for (int tick = 0; armed < 0 || tick <= armed + times_.join_ticks + looks_ahead; ++tick) {
     if (armed < 0 && tick >= patience) throw RunError(scene_.name + ": the drives do not arm");
     const auto n = static_cast<std::uint64_t>(tick);
     loop.begin_tick(-1);
-    const bool halt = armed >= 0 && tick == armed + halts;
-    const Operator order = loop.send_order(tick == 0 ? Operator::enable
-                                           : halt    ? Operator::halt
-                                                     : Operator::nothing);
+    const Operator order = loop.send_order(tick == 0 ? Operator::enable : Operator::nothing);
     loop.publish(false);
     if (armed < 0 && loop.plant().released()) armed = tick;
     loop.control(order);
