@@ -246,8 +246,10 @@ class Replay(Case):
         patient = [a for v in ("drives.heartbeat_timeout=2.0", "drives.watchdog_timeout=2.0", "limits.max_age_ticks=100", "control.rate_hz=200",
                                "simulation.duration=0.2", "drives.confirmed=true", "drives.watchdog_test=false", "drives.sign_test=false",
                                'reference={type="hold", position=[0.07, 0.17]}') for a in ("--set", v)]
-        runs = [subprocess.Popen([ESMC, name, str(CIRCLE), *patient, "--realtime", "--bus", f"slcan:unix:{path}", "--out", str(out)],
-                                 stdout=subprocess.DEVNULL) for name, path, out in zip(("plant", "controller"), paths, outs)]
+        # Drives that end first leave the controller's last orders on the cable.
+        runs = [subprocess.Popen([ESMC, name, str(CIRCLE), *patient, "--set", f"simulation.duration={seconds}", "--realtime", "--bus", f"slcan:unix:{path}",
+                                  "--out", str(out)], stdout=subprocess.DEVNULL)
+                for name, seconds, path, out in zip(("plant", "controller"), (0.5, 0.2), paths, outs)]
         for run in runs:
             run.wait(120)
         esmc("hil", CIRCLE, *patient, "--realtime", "--bus", "slcan:unix:" + ",unix:".join(self.cable(f"turn{turn}/other")), "--out", outs[-1])
