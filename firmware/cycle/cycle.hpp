@@ -94,7 +94,7 @@ class Cycle {
     enable_closed_ = closed;
     enable_was_open_ = enable_was_open_ || !closed;
   }
-  /// Raises the fault tick_late in the next tick. Call when two ticks in a row began late, or one by far.
+  /// Raises the fault tick_late in the next tick. Call when ticks begin late again and again, or one by far.
   void tick_late() { late_ = true; }
   /// Sets the lateness of the coming tick, us, for its record (link::Capture); no effect on control.
   void late_by(std::uint32_t us) { link_.late_by(us); }

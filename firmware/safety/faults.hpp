@@ -39,7 +39,7 @@ enum class [[nodiscard]] Fault : std::uint8_t{
     command_lost = 26,           ///< no frames of the supervisor computer, or of its stream
     halt_failed = 27,            ///< the mechanism did not come to rest under control
     torque_not_finite = 28,      ///< the law produced NaN, infinity, or a torque that no shaft can carry
-    tick_late = 29,              ///< two ticks in a row began more than half a period late
+    tick_late = 29,              ///< two ticks in a row, or four of 64, began late
     enabling_timeout = 30,       ///< a drive is silent, or did not confirm torque control in time
     drives_not_confirmed = 31,   ///< settings that cannot be read back were not checked by hand
     home_no_stop = 32,           ///< homing: a joint met no end stop within its travel, or left it again

@@ -48,10 +48,11 @@ HomingLoad homing_load(const Scene& scene, std::size_t i) {
     return {leg.J2 + leg.rotor2 + leg.m2 * leg.lg2 * leg.lg2, weight, weight};
   }
   // Moments of a counterweight and of what it balances have opposite signs; the elbow may turn one of them.
-  const double own = p.g * leg.m1 * leg.lg1, bar = own + p.g * leg.m2 * leg.l1,
-               all = own + p.g * (p.legs[0].m2 + p.legs[1].m2 + p.m0) * leg.l1;
-  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1, std::abs(bar),
-          arm ? std::abs(bar) + std::abs(p.g * leg.m2 * leg.lg2) : std::max(std::abs(own), std::abs(all))};
+  const double own = p.g * leg.m1 * leg.lg1, with_bar = own + p.g * leg.m2 * leg.l1,
+               with_all = own + p.g * (p.legs[0].m2 + p.legs[1].m2 + p.m0) * leg.l1;
+  return {leg.J1 + leg.m1 * leg.lg1 * leg.lg1 + leg.m2 * leg.l1 * leg.l1, std::abs(with_bar),
+          arm ? std::abs(with_bar) + std::abs(p.g * leg.m2 * leg.lg2)
+              : std::max(std::abs(own), std::abs(with_all))};
 }
 
 namespace {

@@ -195,9 +195,13 @@ class ClockRun {
     const bool late = since > period_us / 2, by_far = since >= 50'000 && since / 10 >= period_us;
     require(loop_.late() == late_before + (late ? 1 : 0) && loop_.lateness_us() == since,
             "late ticks are counted");
-    doubly_late_ = late && (late_ || by_far);
-    require(node_.late == told_late + (doubly_late_ ? 1 : 0), "two in a row are told, and one by far");
-    late_ = late;
+    ++tick_;
+    while (!late_at_.empty() && late_at_.front() + 64 <= tick_) late_at_.pop_front();
+    const bool in_a_row = !late_at_.empty() && late_at_.back() + 1 == tick_;
+    too_late_ = late && (in_a_row || late_at_.size() >= 3 || by_far);
+    require(node_.late == told_late + (too_late_ ? 1 : 0),
+            "two in a row, four of 64 and one by far are told");
+    if (late) late_at_.push_back(tick_);
     if (late) next_ns_ += std::uint64_t{since} * 1000;
     began_us_ = now;
     asked_ = true;
@@ -222,8 +226,9 @@ class ClockRun {
   TimedLoop<Node, ClockBoard> loop_;
   std::uint64_t next_ns_;
   std::uint32_t rejoined_us_, began_us_ = 0;
-  bool asked_ = false, late_ = false, doubly_late_ = false, armed_ = false, powered_before_ = false,
-       latched_ = false;
+  std::uint64_t tick_ = 0;
+  std::deque<std::uint64_t> late_at_;  // ticks of the last 64
+  bool asked_ = false, too_late_ = false, armed_ = false, powered_before_ = false, latched_ = false;
   std::array<std::uint8_t, 2> state_{test::axis_closed_loop, test::axis_closed_loop};
   bool reset_ = false;
 };
@@ -296,10 +301,10 @@ template <>
 void ClockRun<RealNode>::judge(const TickResult<M>& r) {
   armed_ = armed_ || powered_before_;
   require(node_.answers == armed_, "no torque before it was armed, and an answer ever after");
-  if (doubly_late_) {
-    doubly_late_ = false;
+  if (too_late_) {
+    too_late_ = false;
     require(r.state != State::running && r.state != State::testing && r.state != State::enabling,
-            "two late ticks in a row end it");
+            "two late ticks in a row, or four of 64, end it");
     latched_ = latched_ || powered_before_;
   }
   if (r.state == State::disabled || reset_) latched_ = false;
