@@ -301,6 +301,12 @@ def what_a_page_can_do(page):
     assert sum(f * f for f in pulled["force"]) > 0.01 and pulled["fault"] == "none", pulled
     page.say(hand={})
     page.wait(lambda m: "now" in m and m["now"]["force"] == [0.0, 0.0], "no hand")
+    page.say(set=["simulation.integrator=radau5"])
+    page.say(effects=['type = "backlash", gap = 1e-3, rotor_inertia = 1e-9'])
+    page.wait(lambda m: any("radau5 cannot solve" in e["text"] for e in m.get("events", [])), "an integration that fails")
+    page.say(set=[])
+    page.say(do="home")
+    page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "home after it")
     page.say(set=['control.gain="robust"', "uncertainty={m1=0.5, m2=0.9}"])
     page.wait(lambda m: any("no tube around the motion" in a for a in m.get("answers", [])), "gains that cannot be designed")
     page.say(set=["control.law=smc", "control.gain=60.0"])
@@ -437,7 +443,8 @@ def main():
         raise
     summary = bench.end()
     assert summary["samples_dropped"] == 0 and summary["final_state"] == "disabled", summary
-    assert [f["fault"] for f in summary["faults"]] == ["drive_error"], summary
+    failed, *faults = [f["fault"] for f in summary["faults"]]
+    assert failed.startswith("radau5 cannot solve") and faults == ["feedback_not_finite", "drive_error"], summary
     assert summary["server"]["malformed"] >= 20 and summary["server"]["too_long"] >= 2 and summary["server"]["refused"] > 40, summary
     print("live bench: refuses unauthorised clients, and goes on")
 

@@ -300,6 +300,25 @@ TEST_P(HomingOver, ItArmsAndMovesOnWhereTheLimitsAreBeforeTheStops) {
   check(rr, Place<RrTraits>::point);
 }
 
+/// Of a motor that gives twice what it is asked for, half of the joint's torque is asked.
+TEST(HomingConfig, AsksMotorsForWhatTheJointsAreToGet) {
+  using M = Place<FiveBarTraits>::Mechanism;
+  const auto asked = [](const char* factors) {
+    const Scene s = scene_of<FiveBarTraits>({"", "protocol=odrive", Pacing::lockstep},
+                                            {std::string("control.model={torque_factor=") + factors + "}"});
+    const auto reference = make_reference<float>(s, Pacing::lockstep);
+    return std::visit([](const auto& c) { return c.homing; },
+                      make_cycle_config<M>(s, Pacing::lockstep, reference));
+  };
+  const HomingConfig<float> plain = asked("1.0"), h = asked("[2.0, 0.5]");
+  for (int i = 0; i < 2; ++i) {
+    const float factor = i == 0 ? 2.0F : 0.5F;
+    EXPECT_FLOAT_EQ(h.torque[i] * factor, plain.torque[i]);
+    EXPECT_FLOAT_EQ(h.damping[i] * factor, plain.damping[i]);
+    EXPECT_EQ(h.speed[i], plain.speed[i]);
+  }
+}
+
 TEST_P(HomingOver, WithoutAStopItEndsAtRestWithAFault) {
   each(
       [](auto& m, const auto&, const auto&) {
