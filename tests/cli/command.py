@@ -52,10 +52,10 @@ class Case(unittest.TestCase):
         for word in words:
             self.assertIn(word, run.stderr)
 
-    def interrupted(self, *arguments, by=signal.SIGINT, has_begun=lambda out: True):
+    def interrupted(self, *arguments, by=signal.SIGINT, has_begun=lambda out: True, stdin=None):
         """What a command prints that is stopped while it works, however long it takes to begin."""
         for patience in (0.7, 2, 8, 30):
-            run = subprocess.Popen([ESMC, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            run = subprocess.Popen([ESMC, *map(str, arguments)], stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             time.sleep(patience)
             run.send_signal(by)
             out, err = run.communicate(timeout=120)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """esmc live from outside, with and without permission: tokens, origins, hosts, sizes, floods.
 
-Usage: live_test.py ESMC SCENE
+Usage: live_test.py ESMC SCENE [sanitized]
 """
 
 import base64
@@ -307,8 +307,9 @@ def what_a_page_can_do(page):
     page.say(set=[])
     page.say(do="home")
     page.wait(lambda m: "now" in m and m["now"]["state"] == "running", "home after it")
-    page.say(set=['control.gain="robust"', "uncertainty={m1=0.5, m2=0.9}"])
-    page.wait(lambda m: any("no tube around the motion" in a for a in m.get("answers", [])), "gains that cannot be designed")
+    if "sanitized" not in sys.argv:  # the design takes minutes there
+        page.say(set=['control.gain="robust"', "uncertainty={m1=0.5, m2=0.9}"])
+        page.wait(lambda m: any("no tube around the motion" in a for a in m.get("answers", [])), "gains that cannot be designed")
     page.say(set=["control.law=smc", "control.gain=60.0"])
     page.wait(lambda m: m.get("scene", {}).get("law") == "smc", "another law")
     page.wait(lambda m: "now" in m and m["now"]["state"] == "enabling", "a restart")
