@@ -20,8 +20,8 @@ namespace {
 constexpr double inf = std::numeric_limits<double>::infinity();
 // Of what was asked over the difference of two passes equally good, or from a better one.
 constexpr double margin = 2.0, better = 1.25;
-constexpr int rk4 = static_cast<int>(Between::rk4), dopri5 = static_cast<int>(Between::dopri5),
-              dopri8 = static_cast<int>(Between::dopri8);
+constexpr int heun3 = static_cast<int>(Between::heun3), rk4 = static_cast<int>(Between::rk4),
+              dopri5 = static_cast<int>(Between::dopri5), dopri8 = static_cast<int>(Between::dopri8);
 constexpr double rounding = 2e-15;  // no tolerance of a step below it
 constexpr double nudge = 1e-10;     // rad, of the start
 constexpr double most_rows = 2e7;
@@ -77,44 +77,58 @@ class Search {
     // at once where events are located.
     int order = many ? dopri8 - 1 : (events || asked_ < 1e-4 ? rk4 - 1 : (asked_ < 1e-3 ? 1 : 0));
     (void)at_tick(order, false, 1.0);
-    for (bool recorded = true; ++order <= dopri8; recorded = !recorded)
+    for (bool recorded = true, again = false; ++order <= dopri8;) {
+      if (again && !events) last_share_ = 0.25;
       if (at_tick(order, recorded, recorded ? 1.0 : better)) return true;
+      // Where Heun's method is that far off, RK4 is probably off too: then dopri5, far better, is recorded.
+      again = recorded && order == rk4 && judged() > (events ? 10.0 : 2.5) * asked_;
+      recorded = !recorded || again;
+    }
     return false;
   }
   /// Open loop: the judge needs no ticks. It has error control or, where a rotor on a spring would make that
-  /// take short steps, two ticks per step. Each recorded pass is compared with it, and with the one before.
+  /// take short steps, dopri8 over four ticks (with events dopri5 over two). Each recorded pass is compared
+  /// with it, and with the one before.
   bool agree_with_judge(bool many, bool events) {
     const std::vector<Effect>& effects = scene_.effects;
     const bool spring = find_effect<JointFlexibility>(effects) || find_effect<Backlash>(effects);
     const std::uint32_t at_once = row_stride(scene_, tick_count(scene_));  // ticks from row to row
-    const bool halved = spring && !many && at_once > 1;
-    Resolution judge{events ? Between::dopri5 : Between::dopri8, 1e-2 * asked_, rebound()};
-    if (halved) judge = {Between::dopri5, 0.0, rebound(), 2};
-    (void)step(judge, false, 1.0);
+    const bool strides = spring && !many && at_once > 3;
+    const Between by = events ? Between::dopri5 : Between::dopri8;
+    (void)step(strides ? Resolution{by, 0.0, rebound(), events ? 2 : 4}
+                       : Resolution{by, (events || many ? 1e-2 : 1e-3) * asked_, rebound()},
+               false, 1.0);
     judge_ = std::exchange(last_, std::nullopt);
-    const bool skip = !spring && !events && !many && asked_ < 1e-4 && at_once > 3 && rk4_misses();
-    for (int order = many ? dopri8 : rk4 + (skip ? 1 : 0); order <= dopri8; ++order) {
-      // The judge with twice the steps has up to 31 times the error of dopri5, and more than that of dopri8.
-      judge_margin_ = !halved || order == rk4 ? margin : (events || order == dopri8 ? 1.0 : 0.25);
+    judge_margin_ = events ? margin : better;
+    // A chain that closes has poses that magnify errors; where a spring makes the judge expensive, an arm is
+    // not worth the look.
+    const bool looks =
+        judge_ && !events && asked_ < 1e-4 && at_once > 3 && !(spring && scene_.type == MechanismType::rr);
+    int order = many ? dopri8 : (looks ? first_order() : rk4);
+    for (bool finer = many || at_once < 2 || (events && !strides); order <= dopri8; ++order) {
+      // A judge in strides is worse than the pass: of the same method the error is 31 times as large at most.
+      if (strides && order > rk4) judge_margin_ = events ? 1.0 : (order == dopri8 ? 0.25 : better);
       if (at_tick(order, true, 1.0)) return true;
-      if (order != dopri5 || !last_ || !halved) continue;
+      if (agreed_ && at_tick(heun3, false, better)) return true;  // a third pass
+      if (order < dopri5 || !last_ || std::exchange(finer, true)) continue;
       // A better judge of this pass is cheaper than a recorded one of dopri8.
       judge_.reset();
-      const Resolution finer{Between::dopri8, 0.0, rebound(), 2};
-      if (step(finer, false, better)) return true;
+      if (step({Between::dopri8, 0.0, rebound(), 2}, false, better)) return true;
     }
     judge_.reset();
     return false;
   }
-  /// Whether RK4 at a tick would miss what is asked: by a 256th of its error over four ticks, a pass that
-  /// costs a quarter.
-  bool rk4_misses() {
+  /// The first method whose pass may be within what is asked. RK4 at a tick is off by about a 256th of its
+  /// error over four ticks, a pass that costs a quarter; dopri5 by a two-hundredth of that. Too large an
+  /// error says nothing: four ticks are then too long for RK4 to be stable.
+  int first_order() {
     (void)step({Between::rk4, 0.0, rebound(), 4}, false, 1.0);
-    const bool misses = judged() > 256.0 * asked_;
+    const double error = judged() / (256.0 * judge_margin_ * asked_);
     last_.reset();
     deviation_ = {};
     agreed_ = false;
-    return misses;
+    if (!(error > 1.5 && error < 1e4)) return rk4;
+    return error < 200.0 ? dopri5 : dopri8;
   }
   bool at_tick(int order, bool recorded, double less) {
     return step({static_cast<Between>(order), 0.0, rebound()}, recorded, less);
@@ -177,8 +191,7 @@ class Search {
     if (last_ || judge_) {
       before_ = judged();
       deviation_ = last_ ? deviation(last_->rows, now.rows, width_) : Deviation{};
-      // Euler's error is at least three times that of the midpoint rule after it.
-      if (last_euler_) deviation_ = {0.5 * deviation_.end, 0.5 * deviation_.all};
+      deviation_ = {last_share_ * deviation_.end, last_share_ * deviation_.all};
       if (judge_) {
         const Deviation d = deviation(judge_->rows, now.rows, width_);
         if (judge_margin_ * d.end < deviation_.end)
@@ -189,7 +202,8 @@ class Search {
       met = close && (trajectory() || deviation_.all <= 100.0 * asked_ || agreed_);
       agreed_ = close;
     }
-    last_euler_ = r.between == Between::semi_implicit_euler;
+    // Euler's error is at least three times that of the midpoint rule after it.
+    last_share_ = r.between == Between::semi_implicit_euler ? 0.5 : 1.0;
     last_ = std::move(now);
     latest_ = std::move(s);
     if (met && doubtful(r)) refuse_if_ill_posed();
@@ -258,9 +272,10 @@ class Search {
   Effort effort_;                // of that one
   Deviation deviation_;
   double before_ = inf, judge_margin_ = margin;
+  double last_share_ = 1.0;  // of the difference from last_: what the better one of the two is off by
   long evaluations_ = 0;
   int passes_ = 0;
-  bool last_euler_ = false, agreed_ = false, nudged_ = false, finite_ = false;
+  bool agreed_ = false, nudged_ = false, finite_ = false;
   std::optional<Diverged> failure_;
 };
 
