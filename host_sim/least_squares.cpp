@@ -7,7 +7,16 @@
 
 namespace esmc::host {
 
-Vector least_squares(const Matrix& A, const Vector& b) { return A.colPivHouseholderQr().solve(b); }
+namespace {
+/// Of the columns, 1 where there is nothing: what is measured in small units counts as much as the rest.
+Vector scales_of(const Vector& size) { return (size.array() > 0.0).select(size, 1.0).cwiseInverse(); }
+Matrix solved(const Matrix& A, const Matrix& B) {
+  const Vector scale = scales_of(A.colwise().norm());
+  return scale.asDiagonal() * (A * scale.asDiagonal()).colPivHouseholderQr().solve(B).eval();
+}
+}  // namespace
+
+Vector least_squares(const Matrix& A, const Vector& b) { return solved(A, b); }
 
 Modes symmetric_modes(const Matrix& S) {
   const Eigen::SelfAdjointEigenSolver<Matrix> solver(S);
@@ -21,13 +30,14 @@ Matrix gram(const Matrix& A) { return A.transpose() * A; }
 Matrix congruent(const Matrix& T, const Matrix& S) { return product(product(T, S), T.transpose()); }
 
 Matrix pseudo_inverse(const Matrix& S) {
-  const Modes m = symmetric_modes(S);
+  const Vector scale = scales_of(S.diagonal().cwiseMax(0.0).cwiseSqrt());
+  const Modes m = symmetric_modes(scale.asDiagonal() * S * scale.asDiagonal());
   const double least = std::numeric_limits<double>::epsilon() * static_cast<double>(S.rows()) *
                        std::max(0.0, m.value.maxCoeff());
   Vector inverse = Vector::Zero(S.rows());
   for (Eigen::Index i = 0; i < S.rows(); ++i)
     if (m.value[i] > least) inverse[i] = 1.0 / m.value[i];
-  return congruent(m.vector, inverse.asDiagonal());
+  return congruent(scale.asDiagonal() * m.vector, inverse.asDiagonal());
 }
 
 Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks) {
@@ -42,7 +52,7 @@ Matrix gradient_covariance(const Matrix& A, const Vector& r, Eigen::Index blocks
 
 MoreUnknowns more_unknowns(const Matrix& A, const Vector& r, const Matrix& Z, Eigen::Index blocks) {
   constexpr double left_over = 1e-3;  // of a column of Z; less than that is rounding and noise of A
-  const Matrix G = A.colPivHouseholderQr().solve(Z), own = Z - A * G;
+  const Matrix G = solved(A, Z), own = Z - A * G;
   MoreUnknowns out{Vector::Zero(Z.cols()), Matrix::Identity(Z.cols(), Z.cols()), 0.0, Vector::Zero(A.cols())};
   for (Eigen::Index c = 0; c < Z.cols(); ++c)
     if (!(own.col(c).norm() > left_over * Z.col(c).norm())) return out;

@@ -164,6 +164,15 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
   if (c.encoder_sigma > encoder_sigma_max)
     refuse("{}: no lengths make the loop close better than {:.2g} mm rms: is it the log of this mechanism?",
            run.log, 1e3 * c.closure_rms);
+  // Expected misfit from the accuracy of readings and encoders; five times as much has another cause. It also
+  // makes every length look undetermined.
+  const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
+  if (!(c.effector_rms <= 5.0 * expected))
+    refuse_at(o.effector,
+              "no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected "
+              "of --effector-sigma and the encoders: are they in m, in the frame of the base (else "
+              "--free-frame), and on the clock of the log?",
+              1e3 * c.effector_rms, 1e3 * expected);
   if (!c.weak.empty() && !o.keep_nominal) {
     std::string names;
     for (std::size_t i = 0; i < std::min<std::size_t>(c.weak.size(), 3); ++i)
@@ -175,18 +184,10 @@ void judge(const Calibration& c, const CalibrationProblem& p, const RecordedRun&
           "encoder slip or jump, or is this noise? --keep-nominal leaves these as they are",
           run.log, c.encoder_sigma, names);
     refuse(
-        "{}: does not determine {}: let the mechanism move further, in both legs; --keep-nominal leaves "
-        "these as they are",
-        run.log, names);
+        "{}: does not determine {}: let the mechanism move further{}; --keep-nominal leaves these as they "
+        "are",
+        run.log, names, p.five_bar ? ", in both legs" : "");
   }
-  // Expected misfit from the accuracy of readings and encoders; five times as much has another cause.
-  const double expected = std::numbers::sqrt2 * p.effector_sigma + 4.0 * reach_of(p) * c.encoder_sigma;
-  if (!(c.effector_rms <= 5.0 * expected))
-    refuse_at(o.effector,
-              "no lengths meet the effector readings better than {:.3g} mm rms, {:.2g} mm are to be expected "
-              "of --effector-sigma and the encoders: are they in m, in the frame of the base (else "
-              "--free-frame), and on the clock of the log?",
-              1e3 * c.effector_rms, 1e3 * expected);
   if (!c.converged) throw RunError("the least-squares fit did not converge");
   for (const int u : c.estimated) {
     const double change = is_length(u) ? std::abs(c.value[u] / p.nominal[u] - 1.0) : 0.0;
@@ -391,6 +392,11 @@ std::string calibrated_scene(const RecordedRun& run, const Calibration& c) {
   set_mechanism(*scene["mechanism"].as_table(), of.type,
                 with_lengths(of.mechanism, of.type, c.value, of.rotor_inertia), false);
   correct_offsets(scene, of, c.value);
+  // Four joint angles close the loop of the nominal lengths alone; two follow by the modes.
+  if (toml::array* joints = scene["initial"]["joints"].as_array(); joints != nullptr && joints->size() == 4) {
+    joints->erase(joints->begin() + 3);
+    joints->erase(joints->begin() + 1);
+  }
   set_length_uncertainty(sub_table(scene, "uncertainty"), c, of.type == MechanismType::five_bar);
   if (toml::table* model = scene["control"]["model"].as_table()) {
     for (const char* key : {"half_base", "l1", "l2"}) model->erase(key);

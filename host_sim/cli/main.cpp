@@ -4,11 +4,13 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <iostream>
 #include <sstream>
+#include <string_view>
 
 #include "host_sim/cli/options.hpp"
 #include "host_sim/error.hpp"
@@ -40,8 +42,17 @@ std::string command_line_of(int argc, char** argv) {
   std::string out = argc > 0 ? argv[0] : "esmc";
   for (int i = 1; i < argc; ++i) {
     const std::string a = argv[i];
-    const bool plain = a.find_first_of(" \"'[]{}*?$") == std::string::npos;
-    out += " " + (plain ? a : "'" + a + "'");
+    const bool plain = !a.empty() && std::ranges::all_of(a, [](unsigned char c) {
+      return std::isalnum(c) != 0 ||
+             std::string_view("_./:=,+@%-").find(static_cast<char>(c)) != std::string_view::npos;
+    });
+    if (plain) {
+      out += " " + a;
+      continue;
+    }
+    out += " '";
+    for (const char c : a) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    out += "'";
   }
   return out;
 }

@@ -23,6 +23,7 @@ struct RigidBar {
   double damping, dry_friction, rotor;         ///< of the joint: N m s/rad, N m, kg m2
   std::optional<std::array<double, 2>> stops;  ///< rad
   std::optional<double> torque_limit;          ///< N m; of the joints with a motor
+  bool driven;                                 ///< has a motor
   double angle, rate;                          ///< at the start: rad, rad/s
 };
 
@@ -57,6 +58,7 @@ std::vector<Chain> chains_of(const Scene& scene) {
                  .rotor = k == 0 ? 0.0 : p.rotor2,
                  .stops = {},
                  .torque_limit = {},
+                 .driven = false,
                  .angle = scene.start_angle[i],
                  .rate = scene.start_rate[i]};
       const std::size_t base = arm ? k : leg;
@@ -71,8 +73,11 @@ std::vector<Chain> chains_of(const Scene& scene) {
     out.push_back(chain);
   }
   const std::vector<std::size_t> joints = scene.motor_joints();
-  for (std::size_t m = 0; m < std::min(joints.size(), scene.torque_limit.size()); ++m)
-    out[joints[m] / 2].bars[joints[m] % 2].torque_limit = scene.torque_limit[m];
+  for (std::size_t m = 0; m < joints.size(); ++m) {
+    RigidBar& bar = out[joints[m] / 2].bars[joints[m] % 2];
+    bar.driven = true;
+    if (m < scene.torque_limit.size()) bar.torque_limit = scene.torque_limit[m];
+  }
   return out;
 }
 
@@ -217,7 +222,8 @@ std::string hinge(const Scene& scene, const RigidBar& b, const std::string& pare
   if (b.stops || b.torque_limit) {
     out += "    <limit";
     if (b.stops) out += fmt::format(" lower=\"{}\" upper=\"{}\"", (*b.stops)[0], (*b.stops)[1]);
-    out += fmt::format(" effort=\"{}\" velocity=\"{}\"/>\n", b.torque_limit.value_or(0.0),
+    // 0 would mean that nothing may drive it; the format has no word for a motor without a limit.
+    out += fmt::format(" effort=\"{}\" velocity=\"{}\"/>\n", b.torque_limit.value_or(b.driven ? 1e9 : 0.0),
                        scene.limits.joint_speed);
   }
   if (b.damping > 0.0 || b.dry_friction > 0.0)

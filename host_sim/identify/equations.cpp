@@ -186,7 +186,9 @@ Equations::Equations(const IdentifyProblem& p) : p_(p), length_(std::round(p.win
     Eigen::Vector2d out = Eigen::Vector2d::Zero();
     for (int j = 0; j < joints_of(p.five_bar); ++j) {
       const auto u = static_cast<std::size_t>(j);
-      out += p.asymmetry[u] * mean_of * t.joint.row(j).transpose() +
+      const double ripple =
+          p.ripple_amplitude[u] * std::sin(p.ripple_per_turn[u] * t.angle[j] + p.ripple_phase[u]);
+      out += (p.asymmetry[u] - ripple) * mean_of * t.joint.row(j).transpose() +
              p.rotor[u] * t.relative[j] *
                  (momentum_of * t.joint.row(j) - mean_of * t.joint_dot.row(j)).transpose();
     }

@@ -29,6 +29,8 @@ struct IdentifyProblem {
   /// Of each joint, as believed, and not part of what is found: N m, half of what friction is larger one way;
   /// kg m2, of a rotor behind its gear.
   std::array<double, 4> asymmetry{}, rotor{};
+  /// Cogging of the motor of a joint, as believed: N m, periods per turn, rad.
+  std::array<double, 4> ripple_amplitude{}, ripple_per_turn{}, ripple_phase{};
   std::vector<std::array<double, 4>> torque;  ///< N m that the motor of a joint gives, as believed, for what
                                               ///< it was asked at that tick; 0 without a motor
   Vector

@@ -67,19 +67,16 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
            log.rows(), o.window, needed, static_cast<double>(needed) * p.tick);
   require_every_tick(log, 0, p.tick);
   p.angle = {log.columns[1], log.columns[2]};
-  for (const std::size_t m : motors) p.motors.push_back(static_cast<int>(m));
-  const auto later = static_cast<std::size_t>(std::lround(scene.delay_ticks.value_or(0.0)));
+  for (std::size_t m = 0; m < motors.size(); ++m) {
+    p.motors.push_back(static_cast<int>(motors[m]));
+    p.ripple_amplitude[motors[m]] = scene.model.ripple_amplitude[m];
+    p.ripple_per_turn[motors[m]] = scene.model.ripple_per_turn[m];
+    p.ripple_phase[motors[m]] = scene.model.ripple_phase[m];
+  }
   for (std::size_t i = 0; i < log.rows(); ++i) {
     std::array<double, 4> torque{};
-    const std::size_t acts = std::min(i + later, log.rows() - 1);
-    for (std::size_t m = 0; m < motors.size(); ++m) {
-      double& given = torque[motors[m]];
-      given = scene.model.torque_factor[m] * log.columns[3 + m][i];
-      if (motors[m] % second == 0)
-        given += scene.model.ripple_amplitude[m] *
-                 std::sin(scene.model.ripple_per_turn[m] * p.angle[motors[m] / second][acts] +
-                          scene.model.ripple_phase[m]);
-    }
+    for (std::size_t m = 0; m < motors.size(); ++m)
+      torque[motors[m]] = scene.model.torque_factor[m] * log.columns[3 + m][i];
     p.torque.push_back(torque);
   }
   return p;
@@ -307,8 +304,10 @@ int run_identify(const IdentifyOptions& o) {
   refuse_overwrite("--write", o.write, {run.log, run.scene_file});
   OutputDirectory out(o.out);
   for (const std::string& file : {run.log, run.scene_file}) out.spare(file);
-  if (o.window < 20.0 * run.scene.tick() || o.window > 10.0)
-    refuse("--window {:g}: from 20 ticks ({:g} s) to 10 s are allowed", o.window, 20.0 * run.scene.tick());
+  // Shorter ones are not smooth beside the rates' own smoothing: the delay comes out too large.
+  const double least = std::max(20.0 * run.scene.tick(), 0.05);
+  if (o.window < least || o.window > 10.0)
+    refuse("--window {:g}: from 20 ticks and 0.05 s ({:g} s) to 10 s are allowed", o.window, least);
   const IdentifyProblem p = read_problem(run, o);
   const Identification r = [&] {
     try {

@@ -44,10 +44,12 @@ std::vector<BaseParameter> independent_columns(const Matrix& W,
       out.push_back({of, c, Vector::Unit(W.cols(), c), of.name, 0.0, 0.0, 0.0});
       continue;
     }
-    const Vector coefficients = least_squares(columns_of(W, out), W.col(c));
+    const Matrix columns = columns_of(W, out);
+    const Vector coefficients = least_squares(columns, W.col(c));
     for (std::size_t i = 0; i < out.size(); ++i) {
-      const double x = coefficients[static_cast<Eigen::Index>(i)];
-      if (std::abs(x) < 1e-6) continue;
+      const auto k = static_cast<Eigen::Index>(i);
+      const double x = coefficients[k];
+      if (std::abs(x) * columns.col(k).norm() < 1e-6 * W.col(c).norm()) continue;
       out[i].share[c] = x;
       out[i].text += fmt::format(" {} {:.6g} {}", x < 0.0 ? "-" : "+", std::abs(x), of.name);
     }

@@ -283,6 +283,9 @@ class Planner {
                       place_text(route_.place(*stretch_, s)->tip.p), least);
       }
     }
+    if (const double share = jerk_share(timing) / jerk_room; share > 1.0)
+      throw Refused(stretch_->first, "time", "in {:g} s takes {:.4g} % of jerk; \"optimal\" takes {:.4g} s",
+                    *stretch_->time, 100.0 * share, optimal().duration());
     return timing;
   }
 
@@ -304,10 +307,11 @@ class Planner {
       timing = tried;
     }
   }
-  /// Largest jerk as a share of what the moves allow, from differences over a short time, with some room.
+  static constexpr double jerk_room = 1.02;
+  /// Largest jerk as a share of what the moves allow, from differences over a thousandth of the stretch, with
+  /// some room; shorter peaks pass.
   [[nodiscard]] double jerk_share(const Timing& timing) const {
     constexpr int parts = 1000;
-    constexpr double room = 1.02;
     const double step = timing.duration() / parts;
     double most = 0.0;
     std::optional<std::pair<Vec2<double>, Vec2<double>>> last;
@@ -324,7 +328,7 @@ class Planner {
         const double jerk = p_.moves[k].kind == MoveKind::joint
                                 ? (now.second - last->second).cwiseAbs().maxCoeff()
                                 : (now.first - last->first).norm();
-        most = std::max(most, room * jerk / (step * *p_.moves[k].jerk));
+        most = std::max(most, jerk_room * jerk / (step * *p_.moves[k].jerk));
       }
       last = now;
     }

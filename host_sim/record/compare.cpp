@@ -63,6 +63,7 @@ void metrics_of(const Json& j, const std::string& name, std::map<std::string, do
     if (left_out.contains(key)) continue;
     const std::string path = name.empty() ? key : name + "." + key;
     if (value.is_number()) out[path] = value.get<double>();
+    if (value.is_null()) out[path] = std::nan("");
     if (value.is_object()) metrics_of(value, path, out);
   }
 }
@@ -107,6 +108,7 @@ std::optional<double> number(const std::string& text) {
 
 bool alike(double a, double b, double tolerance) {
   if (std::isnan(a) || std::isnan(b)) return std::isnan(a) && std::isnan(b);
+  if (!std::isfinite(a) || !std::isfinite(b)) return a == b;
   return std::abs(a - b) <= tolerance * std::max({1.0, std::abs(a), std::abs(b)});
 }
 
@@ -132,7 +134,7 @@ Json compare_metrics(const Run& a, const Run& b, double tolerance, bool& beyond)
   Json out = Json::array();
   for (const auto& [key, x] : a.metrics) {
     const auto at = b.metrics.find(key);
-    if (at == b.metrics.end()) continue;
+    if (at == b.metrics.end() || (std::isnan(x) && std::isnan(at->second))) continue;
     const bool same = alike(x, at->second, tolerance);
     beyond = beyond || !same;
     out.push_back(
@@ -180,6 +182,16 @@ Json compare_logs(const Run& a, const Run& b, double tolerance, bool& beyond) {
   beyond = beyond || !first.is_null() || a.rows.size() != b.rows.size() || !only_a.empty() || !only_b.empty();
   return {{"rows_a", a.rows.size()}, {"rows_b", b.rows.size()},   {"only_in_a", only_a},
           {"only_in_b", only_b},     {"first_difference", first}, {"largest_difference", largest}};
+}
+
+/// Names of the faults that a run ended in.
+Json faults_of(const Run& r) {
+  Json out = Json::array();
+  const auto supervisor = r.summary.find("supervisor");
+  if (supervisor == r.summary.end() || !supervisor->is_object()) return out;
+  for (const Json& fault : supervisor->value("faults", Json::array()))
+    if (fault.is_object()) out.push_back(fault.value("name", Json(nullptr)));
+  return out;
 }
 
 std::string text_of(const Json& v) {
@@ -231,6 +243,9 @@ std::string text(const Json& j) {
     out +=
         fmt::format("{}: {:.6g} and {:.6g}\n", text_of(m["key"]), m["a"].get<double>(), m["b"].get<double>());
   }
+  if (j["faults"]["a"] != j["faults"]["b"])
+    out += fmt::format("faults: {} and {}\n", printable(j["faults"]["a"].dump()),
+                       printable(j["faults"]["b"].dump()));
   const Json& log = j["log"];
   if (log["rows_a"] != log["rows_b"])
     out += fmt::format("log: {} and {} rows\n", text_of(log["rows_a"]), text_of(log["rows_b"]));
@@ -257,6 +272,8 @@ int run_compare(const CompareOptions& o) {
   Json j = {{"a", o.a}, {"b", o.b}, {"tolerance", o.tolerance}, {"within", true}};
   j["scene"] = scene_differences(a.scene, b.scene);
   j["metrics"] = compare_metrics(a, b, o.tolerance, beyond);
+  j["faults"] = {{"a", faults_of(a)}, {"b", faults_of(b)}};
+  beyond = beyond || j["faults"]["a"] != j["faults"]["b"];
   j["log"] = compare_logs(a, b, o.tolerance, beyond);
   j["within"] = !beyond;
   if (o.capture != nullptr) {

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <filesystem>
+
 #include <nlohmann/json.hpp>
 
 #include "host_sim/error.hpp"
@@ -28,6 +30,13 @@ std::unique_ptr<RunMcap> mcap_of(const RunOptions& o, const Scene& scene) {
   if (o.out.empty() && o.capture == nullptr && (o.log.npy || (o.log.every != 1 && o.mcap.empty())))
     throw InputError("", "--log and --log-every are of the log that --out DIR leaves, and there is no --out");
   refuse_overwrite("--mcap", o.mcap, files_of(scene));
+  if (!o.out.empty() && !o.mcap.empty()) {
+    const std::filesystem::path file = std::filesystem::absolute(o.mcap).lexically_normal();
+    const auto out = std::filesystem::absolute(o.out) / "";
+    if (is_output_name(file.filename().string()) && file.parent_path() / "" == out.lexically_normal())
+      throw InputError("",
+                       fmt::format("--mcap {}: the run itself leaves a file of that name in --out", o.mcap));
+  }
   return o.mcap.empty() ? nullptr : std::make_unique<RunMcap>(o.mcap);
 }
 

@@ -87,6 +87,10 @@ class DirectoryLock {
 
 }  // namespace
 
+bool is_output_name(const std::string& name) {
+  return std::ranges::find(output_names, name) != std::end(output_names);
+}
+
 OutputDirectory::OutputDirectory(const std::string& directory) {
   if (directory.empty()) return;
   final_ = directory;

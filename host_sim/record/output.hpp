@@ -13,6 +13,9 @@ namespace esmc::host {
 
 class Comparison;
 
+/// Whether a run may leave a file of this name.
+[[nodiscard]] bool is_output_name(const std::string& name);
+
 class OutputDirectory {
  public:
   OutputDirectory() = default;

@@ -50,7 +50,8 @@ void read_uncertainty(Section s, Scene& scene) {
   u.gravity = around(s, "gravity", 1.0);
   if (const auto r = s.optional_numbers("payload", {2}))
     u.payload = ordered(s, "payload", {(*r)[0], (*r)[1]});
-  const double carried = five_bar ? scene.mechanism.m0 * scene.model.effector_mass : 0.0;
+  const double carried =
+      five_bar ? scene.believed.value_or(scene.mechanism).m0 * scene.model.effector_mass : 0.0;
   if (!(carried + u.payload.lower >= 0.0)) {
     s.fail("payload", "takes away more than the {:g} kg that the controller believes at the effector",
            carried);

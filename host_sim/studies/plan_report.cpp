@@ -72,7 +72,7 @@ class PlanReport {
     return j;
   }
 
-  [[nodiscard]] std::size_t rows() const { return plan_.ticks + 1; }  ///< of path.csv
+  [[nodiscard]] std::size_t rows() const { return plan_.ticks / stride() + 1; }  ///< of path.csv
   /// Columns of path.csv.
   [[nodiscard]] static std::vector<std::string> columns(const Scene& scene) {
     const std::vector<std::string> joint = joint_names(scene.type);
@@ -86,9 +86,10 @@ class PlanReport {
     return out;
   }
 
-  /// A row per tick: the table as the controller reads it, and the torques of the motors.
+  /// Ticks from row to row: one, more where there would be more than two million rows.
+  [[nodiscard]] std::uint32_t stride() const { return plan_.ticks / 2'000'000 + 1; }
+  /// Rows: the table as the controller reads it, and the torques of the motors.
   void write(Log& log) const {
-    constexpr std::uint32_t most = 2'000'000;
     Reference<double> reference;
     reference.kind = ReferenceKind::path;
     reference.path = plan_.path;
@@ -96,7 +97,7 @@ class PlanReport {
     const auto payload = find_effect<Payload>(scene_.effects);
     const auto joints = scene_.motor_joints();
     Vec2<double> base = problem_.start_base;
-    for (std::uint32_t n = 0; n <= std::min(plan_.ticks, most) && log.wanted(); ++n) {
+    for (std::uint32_t n = 0; n <= plan_.ticks && log.wanted(); n += stride()) {
       const double t = n * scene_.tick();
       const Motion2<double> m = reference.at(n, scene_.tick());
       const auto d = desired_at_effector(problem_.controller.mechanism, problem_.controller.mode, m.position,

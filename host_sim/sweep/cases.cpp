@@ -165,7 +165,6 @@ struct CaseScenes::Tables {
 };
 
 CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
-  refuse_overlaps(spec.vary);
   auto tables = std::make_shared<Tables>();
   toml::table whole;
   try {
@@ -176,6 +175,11 @@ CaseScenes::CaseScenes(const SweepSpec& spec) : spec_(&spec) {
     if (!std::string_view(e.what()).starts_with("--set ")) throw;
     throw InputError(spec.sets_where, e.what());
   }
+  std::vector<std::string> effects;
+  if (const toml::array* list = whole["effects"].as_array()) {
+    for (const toml::node& e : *list) effects.push_back(e.as_table()->at("type").value_or(std::string()));
+  }
+  refuse_overlaps(spec.vary, effects);
   tables->file = parse_scene_file(spec.scene, {});
   tables_ = tables;
   const Scene& nominal = tables->nominal;

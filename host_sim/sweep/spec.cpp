@@ -218,8 +218,13 @@ std::vector<Axis> read_axes(Table& root, SweepSpec& spec, Sampling method) {
   return axes;
 }
 
-/// The entries that a key sets: `leg` stands for both legs.
-std::vector<std::string> places_of(const std::string& key) {
+/// The entries that a key sets: `leg` stands for both legs, an effect's type for its number.
+std::vector<std::string> places_of(const std::string& key, const std::vector<std::string>& effects) {
+  for (std::size_t i = 0; i < effects.size(); ++i) {
+    const std::string named = "effects." + effects[i];
+    if (key == named || key.starts_with(named + "."))
+      return {fmt::format("effects.{}{}", i + 1, key.substr(named.size()))};
+  }
   for (const char* side : {"mechanism.", "plant."}) {
     const std::string leg = std::string(side) + "leg";
     if (key != leg && !key.starts_with(leg + ".")) continue;
@@ -230,25 +235,25 @@ std::vector<std::string> places_of(const std::string& key) {
 }
 
 /// Whether one of two keys sets what the other one sets, too.
-bool overlap(const std::string& a, const std::string& b) {
+bool overlap(const std::string& a, const std::string& b, const std::vector<std::string>& effects) {
   const auto in = [](const std::string& inner, const std::string& outer) {
     return inner == outer || inner.starts_with(outer + ".");
   };
-  for (const std::string& x : places_of(a)) {
+  for (const std::string& x : places_of(a, effects)) {
     const auto sets_same = [&](const std::string& y) { return in(x, y) || in(y, x); };
-    if (std::ranges::any_of(places_of(b), sets_same)) return true;
+    if (std::ranges::any_of(places_of(b, effects), sets_same)) return true;
   }
   return false;
 }
 
 }  // namespace
 
-void refuse_overlaps(const std::vector<Vary>& vary) {
+void refuse_overlaps(const std::vector<Vary>& vary, const std::vector<std::string>& effects) {
   for (auto v = vary.begin(); v != vary.end(); ++v) {
     for (auto other = vary.begin(); other != v; ++other) {
       if (other->key == v->key)
         throw InputError(v->where, fmt::format("'{}' varies twice, first at {}", v->key, other->where));
-      if (overlap(v->key, other->key))
+      if (overlap(v->key, other->key, effects))
         throw InputError(
             v->where, fmt::format("'{}' sets what '{}' at {} sets, too", v->key, other->key, other->where));
     }

@@ -79,7 +79,7 @@ struct SweepSpec {
 };
 
 /// Throws InputError where two of them set the same key or parts of it.
-void refuse_overlaps(const std::vector<Vary>& vary);
+void refuse_overlaps(const std::vector<Vary>& vary, const std::vector<std::string>& effects);
 
 /// Reads the file of a sweep. Throws InputError naming file, line, key and what is allowed. Whether the scene
 /// has the keys is not checked here.

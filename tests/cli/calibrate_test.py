@@ -220,10 +220,25 @@ def arm(bench):
     bench.bad("has no loop", out)
     bench.bad("same unknown", out, "--effector", readings, "--free-frame")
     bench.bad("an RR arm has none", out, "--effector", readings, "--half-base", 0.1)
+    # Readings in a frame beside the base make every length look undetermined; the readings are what is blamed.
+    beside = write_readings(bench.folder / "beside.csv", rows, range(50, 3200, 150), 5e-5, draw, (0.03 + 0j, 0.0))
+    bench.bad("no lengths meet the effector readings", out, "--effector", beside, "--effector-sigma", "5e-5")
     two = write_readings(bench.folder / "two.csv", rows, (100, 700), 5e-5, draw)
     bench.bad("3 or more", out, "--effector", two)
     bench.bad("no column theta11_meas", out, "--scene", bench.nominal)
     return out
+
+
+def four_starts(bench):
+    """Four joint angles of the start close the loop of the drawing, not of what is found."""
+    rows = rows_of(bench.record("drawing", "sim", bench.nominal, "--set", "simulation.duration=0.01")[0])
+    mechanism = {"half_base": 0.05, "legs": [(0.1206, 0.1594), (0.1195, 0.1603)]}
+    out, _ = bench.record("found", "sim", bench.true_scene("found", mechanism, [0.0] * 4))
+    start = [rows[0][j] for j in ("theta11", "theta12", "theta21", "theta22")]
+    scene, written = bench.folder / "four.toml", bench.folder / "four_found.toml"
+    scene.write_text(bench.nominal.read_text(encoding="utf-8") + f"\n[initial]\njoints = {start!r}\n", encoding="utf-8")
+    bench.good(out / "log.csv", "--scene", scene, "--trust-half-base", "--write", written)
+    expect(tomllib.loads(written.read_text(encoding="utf-8"))["initial"]["joints"] == [start[0], start[2]], "two angles and the modes")
 
 
 def hostile(bench):
@@ -358,4 +373,4 @@ def fusion(bench):
 
 
 if __name__ == "__main__":
-    main(Bench, accuracy, table, eccentric, closed_loop, arm, fusion, hostile)
+    main(Bench, accuracy, table, eccentric, closed_loop, arm, fusion, four_starts, hostile)

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """`esmc compare`, against the files of the runs themselves. usage: compare_test.py ESMC [unittest args]"""
 import json
+import shutil
 import tempfile
 import unittest
 from pathlib import Path
@@ -55,6 +56,19 @@ class Compare(unittest.TestCase):
         j = self.compare("a", "four", "--tolerance", "1e9", code=1)
         self.assertEqual((j["log"]["only_in_a"], j["log"]["only_in_b"]), ([], ["tau12", "tau22", "tau12_cmd", "tau22_cmd"]))
 
+    def test_how_a_run_ended_counts(self):
+        for name, code, more in (("whole", 0, ()), ("faulty", 1, ("limits.joint_speed=0.5",))):  # of one row: the log cannot tell
+            run = esmc("sim", CIRCLE, "--out", self.tmp / name, "--log-every", 1000, *sets("simulation.duration=0.2", *more))
+            self.assertEqual(run.returncode, code, run.stderr)
+        j = self.compare("whole", "faulty", "--tolerance", "1e9", code=1)
+        self.assertEqual(j["faults"], {"a": [], "b": ["joint_speed"]})
+        self.assertIn('faults: [] and ["joint_speed"]\n', esmc("compare", self.tmp / "whole", self.tmp / "faulty").stdout)
+        shutil.copytree(self.tmp / "whole", self.tmp / "silent")
+        summary = json.loads((self.tmp / "whole/summary.json").read_text())
+        summary["torque"]["max_nm"] = None
+        (self.tmp / "silent/summary.json").write_text(json.dumps(summary))
+        self.assertFalse(self.compare("whole", "silent", "--tolerance", "1e9", code=1)["within"])
+
     def test_page(self):
         self.compare("a", "b", "--out", self.tmp / "page", code=1)
         self.assertEqual({p.name for p in (self.tmp / "page").iterdir()}, {"comparison.json", "report.html"})
@@ -68,6 +82,11 @@ class Compare(unittest.TestCase):
             self.assertEqual((run.returncode, run.stdout), (2, ""))
             self.assertIn(words, run.stderr)
         self.assertEqual(esmc("compare", self.tmp / "a", self.tmp / "b", "--tolerance", "-1").returncode, 2)
+        shutil.copytree(self.tmp / "a", self.tmp / "deep")
+        (self.tmp / "deep/summary.json").write_text('{"torque":{},"ticks":1,"a":' + 20000 * '{"a":' + "1" + 20001 * "}")
+        for command in (("compare", self.tmp / "deep", self.tmp / "a"), ("replay", self.tmp / "deep")):
+            run = esmc(*command)
+            self.assertEqual((run.returncode, run.stdout), (2, ""), run.stderr)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@ usage: hostile_test.py ESMC [unittest args]"""
 import fcntl
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import time
@@ -214,6 +216,18 @@ class Hostile(Case):
         for args in (["eval", "-"], ["eval", self.tmp / "fifo"]):
             self.interrupted(*args, stdin=subprocess.PIPE)
         os.close(ours)
+
+    def test_the_command_of_a_report_repeats_the_run(self):
+        scene = self.tmp / "a&b it's.toml"
+        scene.write_text(CIRCLE.read_text())
+        args = ["sim", str(scene), "--set", "effects=[{type='encoder', bits=14}]", "--set", "simulation.duration=0.01", "--out", str(self.tmp / "o;x")]
+        self.assertEqual(esmc(*args).returncode, 0)
+        page = (self.tmp / "o;x/report.html").read_text()
+        told = next(c for c in map(json.loads, re.findall(r'"command":("(?:[^"\\]|\\.)*")', page)) if "sim " in c)
+        self.assertEqual(shlex.split(told)[1:], args)
+
+    def test_a_record_takes_no_name_of_the_run(self):
+        self.refused(esmc("sim", CIRCLE, "--out", self.tmp / "o", "--mcap", self.tmp / "o/log.csv", *sets("simulation.duration=0.01")), "a file of that name")
 
     def test_output_that_cannot_be_written_is_a_failure(self):
         cases = Path(SCENES, "../../tests/reference/rr_static.json")

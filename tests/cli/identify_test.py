@@ -139,6 +139,11 @@ def payload(bench):
         expect(lower <= mass <= upper and upper - lower < 0.005, f"unequal legs: payload {table.get('payload')}, true {mass}")
         for name in ("m1", "m2", "J1", "J2"):
             expect(table[name][0] <= 1 <= table[name][1] < 1.1, f"unequal legs, {mass} kg: {name} = {table[name]}")
+    # What a load may take away is what the controller believes to be there.
+    own = f'control.model.mechanism={{type="five_bar", half_base=0.05, gravity=9.8, effector_mass=0.05, working_mode=["+", "+"], leg={leg_text(ONE)}}}'
+    run = bench.run("check", scene, *sets(own, "uncertainty.payload=[-0.02, 0.02]"))
+    expect(run.returncode == 0, f"a load that is believed in may be taken away: {run.stderr}")
+    bench.refused(bench.run("check", scene, *sets(own.replace("effector_mass=0.05", "effector_mass=0.0"), "mechanism.effector_mass=0.05", "uncertainty.payload=[-0.02, 0.02]")), "takes away more")
     heavy, _ = bench.record("five times", "sim", scene, "--set", "control.model={J1=5.0, J2=0.2}", "--set", known)
     found = bench.good(heavy)
     expect(any("a payload does not mend it" in w for w in found["warnings"]), f"J1 5 times too large, J2 5 times too small: {found['warnings']}")
@@ -184,9 +189,41 @@ def large(bench):
         expect(p["lower"] <= value <= p["upper"], f"large: {p['name']}: {p['lower']} to {p['upper']}, true {value}")
 
 
+def light(bench):
+    """All masses and torques divided by 2^10: the same delay, every value and uncertainty divided by that."""
+    found = []
+    for part in (1, 1024):
+        leg = {k: v / (1 if k[0] == "l" else part) for k, v in ONE.items()}
+        friction = effects([0.01 / part, 0.002 / part], [0.02 / part, 0.004 / part])
+        out, _ = bench.record(f"light{part}", "sim", NOMINAL, *sets(f"mechanism.leg={leg_text(leg)}", f"control.torque_limit={2 / part}", friction))
+        found.append(bench.good(out))
+    one, other = found
+    for key in ("ticks", "sigma"):
+        expect(abs(one["delay"][key] - other["delay"][key]) < 1e-6, f"light: delay {one['delay']}, {other['delay']}")
+    for p, q in zip(one["parameters"], other["parameters"], strict=True):
+        expect(abs(q["sigma"] * 1024 / p["sigma"] - 1) < 1e-3, f"light: {p['name']} +- {p['sigma']}, {q['sigma']}")
+
+
+def cogging_of_elbows(bench):
+    """What is believed of an elbow's motor is not found again."""
+    out, _ = bench.record("elbow", "sim", NOMINAL, *sets("control.motors=all", "drives.nodes=[1, 2, 3, 4]", "control.sensors=all", effects([0.01, 0.002], [0.02, 0.004])))
+    rows = read_table(out / "log.csv")
+    for r in rows:
+        r["tau12_cmd"] = repr(float(r["tau12_cmd"]) - 0.004 * math.sin(14 * float(r["theta12"])))
+    log, told = bench.folder / "elbow.csv", bench.folder / "elbow.toml"
+    write_table(log, rows)
+    first = bench.good(log, "--scene", out / "scene.toml", "--write", told)
+    expect([m["code"] for m in first["misfits"]] == ["cogging"], f"elbow: {first['misfits']}")
+    amplitude = tomllib.loads(told.read_text(encoding="utf-8"))["control"]["model"]["ripple"]["amplitude"]
+    expect(abs(amplitude[1] - 0.004) < 2e-4 and [amplitude[i] for i in (0, 2, 3)] == [0, 0, 0], f"elbow: {amplitude}")
+    again = bench.good(log, "--scene", told)
+    expect(again["misfits"] == [], f"elbow, known: {again['misfits']}")
+
+
 def hostile(bench):
     scene = NOMINAL
     out, _ = bench.record("plain", "sim", scene)
+    bench.bad("--window 0.03", out, "--window", "0.03")
     log = (out / "log.csv").read_text(encoding="utf-8").splitlines()
     place = bench.folder / "hostile.csv"
 
@@ -364,4 +401,4 @@ def four_motors(bench):
 
 
 if __name__ == "__main__":
-    main(lambda folder: LogBench("identify", folder), five_bar, four_motors, snippet, payload, arm, designed, written, belief, misfits, large, hostile)
+    main(lambda folder: LogBench("identify", folder), five_bar, four_motors, snippet, payload, arm, designed, written, belief, misfits, large, light, cogging_of_elbows, hostile)

@@ -69,6 +69,7 @@ BAD = [
     ("misspelt time", FIVE_BAR, [LINE + '\ntime = "fast"'], ["reference.moves[1].time", "optimal"]),
     ("no speed", FIVE_BAR, [LINE + "\nspeed = 0.0"], ["reference.moves[1].speed"]),
     ("negative blend", FIVE_BAR, [LINE + "\nblend = -0.01", 'move = "line"\nto = [0.08, 0.2]'], ["reference.moves[1].blend"]),
+    ("a time beyond its jerk", FIVE_BAR, ['move = "line"\nto = [0.02, 0.16]\ntime = 0.5\njerk = 1.0'], ["reference.moves[1].time", "% of jerk", "optimal"]),
     ("nan", FIVE_BAR, [LINE + "\nacceleration = nan"], ["reference.moves[1].acceleration"]),
     ("blend at the end", FIVE_BAR, [LINE + "\nblend = 0.01"], ["reference.moves[1].blend", "no corner"]),
     ("blend before rest", FIVE_BAR, [LINE + "\nblend = 0.01", 'move = "dwell"\ntime = 0.1'], ["reference.moves[1].blend", "dwell"]),

@@ -89,6 +89,9 @@ def bad_specifications(folder):
     both = '[[vary]]\nkey = "plant.leg.m1"\nfactor = [0.9, 1.1]\n'
     refused(folder, GOOD + both, "'plant.leg.m1' sets what 'plant.legs.1.m1'")
     refused(folder, GOOD + both.replace("plant.leg.m1", "control.gain.angle"), "'control.gain.angle' sets what 'control.gain'")
+    friction = change('set = [', """set = ['effects=[{type="viscous_friction", coefficient=[0.01, 0.002]}]', """)
+    twice = friction.replace("plant.legs.1.m1", "effects.viscous_friction.coefficient.1").replace("control.gain", "effects.1.coefficient.1")
+    refused(folder, twice.replace("from = 10.0", "from = 0.01").replace("to = 400.0", "to = 0.1"), "'effects.1.coefficient.1' sets what 'effects.viscous_friction.coefficient.1'")
     refused(folder, change("[0.8, 1.2]", "[-0.8, 1.2]"), "m1")
     refused(folder, change("[0.8, 1.2]", "[0.8]"), "two numbers")
     refused(folder, change("[0.8, 1.2]", "[1.2, 0.8]"), "from < to")
