@@ -13,7 +13,8 @@ namespace esmc::host::plan {
 /// while what the motion takes changes. 2 % in a tick of 1 ms, where two mechanisms at their limits took
 /// 0.5 %. Other laws than ESMC with implicit reaching answer a wrong model with more than it takes.
 inline constexpr double loop_reserve_per_s = 20.0, loop_reserve_max = 0.2, slow_law_reserve = 0.07;
-inline constexpr double at_limit = 0.99;  ///< share from which a limit counts as active
+inline constexpr std::size_t most_shares = 40'000'000;  ///< kept for a stretch: 1.3 GB
+inline constexpr double at_limit = 0.99;                ///< share from which a limit counts as active
 
 /// More of a limit than is allowed.
 struct Excess {
@@ -217,6 +218,10 @@ class Measurement {
   void look(double t, const Motion2<double>& m, bool motors) {
     const auto piece = [&]() -> const Piece& { return Route<M>::piece_at(*stretch_, timing_->at(t).s); };
     const std::size_t begin = shares_.size();
+    if (begin > most_shares)
+      throw Refused(piece().move, "time",
+                    "takes more than {:.2g} ticks near a limit: a faster move, or a stated time",
+                    static_cast<double>(most_shares / slots_.size()));
     shares_.resize(begin + slots_.size());
     Share* to = &shares_[begin];
     Vec2<double> rate(0, 0), acceleration(0, 0);
