@@ -283,18 +283,21 @@ class Planner {
                       place_text(route_.place(*stretch_, s)->tip.p), least);
       }
     }
-    if (const double share = jerk_share(timing) / jerk_room; share > 1.0)
+    if (const double share = limits_jerk() ? jerk_share(timing) / jerk_room : 0.0; share > 1.0)
       throw Refused(stretch_->first, "time", "in {:g} s takes {:.4g} % of jerk; \"optimal\" takes {:.4g} s",
                     *stretch_->time, 100.0 * share, optimal().duration());
     return timing;
   }
 
+  [[nodiscard]] bool limits_jerk() const {
+    const auto first = p_.moves.begin() + static_cast<std::ptrdiff_t>(stretch_->first),
+               last = p_.moves.begin() + static_cast<std::ptrdiff_t>(stretch_->last);
+    return std::any_of(first, last + 1, [](const auto& move) { return move.jerk.has_value(); });
+  }
   /// Smooths and slows a timing until no move exceeds its jerk: the mean over a window, then longer by what
   /// is left over, for the window with which that takes least.
   void limit_jerk(Timing& timing) const {
-    bool any = false;
-    for (std::size_t i = stretch_->first; i <= stretch_->last; ++i) any = any || p_.moves[i].jerk.has_value();
-    if (!any) return;
+    if (!limits_jerk()) return;
     const Timing plain = timing;
     double best = 1e300;
     for (int k = 2; k <= 14; ++k) {
