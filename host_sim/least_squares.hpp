@@ -28,7 +28,8 @@ struct Modes {
 [[nodiscard]] Matrix gram(const Matrix& A);
 /// T S T^T, e.g. the covariance of T x.
 [[nodiscard]] Matrix congruent(const Matrix& T, const Matrix& S);
-/// Pseudo-inverse of a symmetric matrix; eigenvalues that are negative or 0 but for rounding count as 0.
+/// Inverse of a symmetric matrix with a positive diagonal; of a singular one that of the matrix with ones on
+/// its diagonal, where eigenvalues that are negative or 0 but for rounding count as 0: units do not decide.
 [[nodiscard]] Matrix pseudo_inverse(const Matrix& S);
 
 /// Covariance of the gradient A^T r at the minimum of |r| = |A x - b|. Equations stand in pairs of rows, in

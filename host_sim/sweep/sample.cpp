@@ -26,7 +26,7 @@ constexpr std::uint64_t permutations = 0x8000'0000'0000'0000ULL;  // streams apa
 double Axis::at(double u) const {
   if (u <= 0.0) return from;
   if (u >= 1.0) return to;
-  return logarithmic ? std::exp(std::lerp(std::log(from), std::log(to), u)) : from + (to - from) * u;
+  return logarithmic ? from * std::pow(to / from, u) : from + (to - from) * u;
 }
 
 std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
