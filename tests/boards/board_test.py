@@ -190,19 +190,23 @@ def symbols_of(elf):
     return {n: int(a, 16) for a, n in re.findall(r"^([0-9a-f]+) \w (\w+)$", run("arm-none-eabi-nm", elf).stdout, re.M)}
 
 
+def emulator(monitor, *commands):
+    """Commands to the QEMU that listens at `monitor`, each a name and its arguments."""
+    with socket.socket(socket.AF_UNIX) as qmp:
+        qmp.connect(monitor)
+        talk = qmp.makefile("rw")
+        for name, arguments in (("qmp_capabilities", {}), *commands):
+            talk.write(json.dumps({"execute": name, "arguments": arguments}) + "\n")
+            talk.flush()
+            while "return" not in json.loads(talk.readline()):
+                pass
+
+
 def stack_used(elf, monitor, folder):
     """Bytes of the stack that no longer hold the start-up's paint, of how many."""
     at = symbols_of(elf)
     bottom, top = at["esmc_stack_bottom"], at["esmc_stack_top"]
-    with socket.socket(socket.AF_UNIX) as qmp:
-        qmp.connect(monitor)
-        talk = qmp.makefile("rw")
-        for command in ({"execute": "qmp_capabilities"},
-                        {"execute": "pmemsave", "arguments": {"val": bottom, "size": top - bottom, "filename": f"{folder}/stack"}}):
-            talk.write(json.dumps(command) + "\n")
-            talk.flush()
-            while "return" not in json.loads(talk.readline()):
-                pass
+    emulator(monitor, ("pmemsave", {"val": bottom, "size": top - bottom, "filename": f"{folder}/stack"}))
     memory = Path(folder, "stack").read_bytes()
     painted = 0
     while memory[painted:painted + 4] == bytes.fromhex("5a5aa5a5"):

@@ -24,38 +24,54 @@ def limit(seconds):
     return 150 + 60 * float(seconds)
 
 
+def listeners():
+    """Number of open sockets on vcan0."""
+    return Path("/proc/net/can/rcvlist_all").read_text(encoding="utf-8").count("vcan0  ")
+
+
+def heard(board):
+    """Whether the image sends a frame on vcan0."""
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as bus:
+        bus.bind(("vcan0",))
+        bus.settimeout(1.0)
+        give_up = time.monotonic() + limit(0)
+        while board.poll() is None and time.monotonic() < give_up:
+            try:
+                return len(bus.recv(16)) > 0
+            except TimeoutError:
+                pass
+    return False
+
+
 def inside(esmc, scene, elf, seconds, out):
     """Beside vcan0: the plant's summary and the stack that the image has used, as files in `out`."""
-    bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    bus.bind(("vcan0",))
-    bus.settimeout(1.0)
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:  # a socket lives in this kernel
+    run = [esmc, "plant", scene, "--bus", "socketcan:vcan0", "--json", "--set", f"simulation.duration={seconds}"]
+    with (tempfile.TemporaryDirectory(dir="/dev/shm") as folder,  # a socket lives in this kernel
+          Path(out, "plant.json").open("w", encoding="utf-8") as summary):
         monitor = f"{folder}/monitor"
         board = zcu102.qemu(elf, folder, "-object", "can-bus,id=bus", "-object",
                             "can-host-socketcan,id=host,if=vcan0,canbus=bus", "-serial", "none", "-qmp",
                             f"unix:{monitor},server=on,wait=off", machine="xlnx-zcu102,canbus1=bus")
         try:
-            give_up = time.monotonic() + limit(0)
-            while True:  # until it asks for drives
-                try:
-                    bus.recv(16)
-                    break
-                except TimeoutError:
-                    if board.poll() is not None or time.monotonic() > give_up:
-                        board.kill()
-                        print("the image was not heard on vcan0:", board.communicate()[0])
-                        return 1
-            bus.close()
-            plant = subprocess.run([esmc, "plant", scene, "--bus", "socketcan:vcan0", "--json", "--set",
-                                    f"simulation.duration={seconds}"],
-                                   capture_output=True, text=True, timeout=limit(seconds))
+            if not heard(board):  # it asks for drives
+                board.kill()
+                print("the image was not heard on vcan0:", board.communicate()[0])
+                return 1
+            # The image gives up after 5 s without drives, and a loaded machine may take longer to start the plant:
+            # no time passes for the image before the plant listens.
+            board_test.emulator(monitor, ("stop", {}))
+            alone = listeners()
+            plant = subprocess.Popen(run, stdout=summary, stderr=subprocess.PIPE, text=True)
+            while listeners() == alone and plant.poll() is None:
+                time.sleep(0.01)
+            board_test.emulator(monitor, ("cont", {}))
+            errors = plant.communicate(timeout=limit(seconds))[1]
             stack = board_test.stack_used(elf, monitor, folder)
         finally:
             board.kill()
         if plant.returncode != 0:
-            print(plant.stdout[-500:], plant.stderr, board.communicate()[0])
+            print(errors, board.communicate()[0])
             return 1
-    Path(out, "plant.json").write_text(plant.stdout, encoding="utf-8")
     Path(out, "stack.json").write_text(json.dumps(stack), encoding="utf-8")
     return 0
 
