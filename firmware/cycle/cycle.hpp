@@ -398,6 +398,9 @@ class Cycle {
       const bool beats = joint % motors_.joint_step == 0 && a.heartbeat_age_ticks() != drive::age_max;
       const std::uint32_t silent = beats ? a.heartbeat_age_ticks() : a.sample_age_ticks();
       if (silent != drive::age_max && silent > heartbeat_age_ticks_max_) zero_.forget();
+      if constexpr (requires { a.restarted(); }) {
+        if (a.restarted()) zero_.forget();
+      }
     }
   }
 
@@ -423,12 +426,15 @@ class Cycle {
     return all;
   }
 
-  /// Ignored unless every encoder has a fresh, finite sample.
+  /// Refused unless every encoder has a fresh, finite sample: then an earlier zero no longer counts either,
+  /// for the operator says that the mechanism stands elsewhere.
   [[gnu::cold, gnu::noinline]] void confirm_zero() {
     bool numbers = sensed();
     for (int i = 0; i < sensors_.count; ++i)
       numbers = numbers && finite(sample_.angle[i * sensors_.joint_step]);
-    if (numbers) zero_.confirm(sample_.angle);
+    if (numbers) return zero_.confirm(sample_.angle);
+    zero_.forget();
+    link_.refuse();
   }
 
   /// A tick of homing. Where both joints press on their stops, the mechanism stands in its zero pose.

@@ -30,7 +30,7 @@ class Cia402Axis {
       attempts_ = 0;
       progressed_ = false;
     }
-    asking_ = has_torque_ = reported_ = false;
+    asking_ = has_torque_ = reported_ = booted_now_ = false;
     // One PDO alone is kept: the other one may come after the tick, and both belong to the same SYNC.
     if (has_report_ && has_motion_) has_report_ = has_motion_ = false;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
@@ -118,6 +118,8 @@ class Cia402Axis {
   [[nodiscard]] std::optional<canopen::Object> contradicting_object() const {
     return configurator_.refused();
   }
+  /// True if the drive reports in this tick that it has booted: an encoder may have lost its zero.
+  [[nodiscard]] bool restarted() const { return booted_now_; }
   /// True if the drive has no object 6072, so that its torque limit was not read back; until the next set-up.
   [[nodiscard]] bool torque_limit_unread() const { return configurator_.limit_unread(); }
   [[nodiscard]] std::uint8_t node() const { return config_.node; }  ///< CAN node of the drive
@@ -319,6 +321,7 @@ class Cia402Axis {
     heartbeat_age_ticks_ = 0;
     if (nmt_ == canopen::NmtState::operational) return Received::accepted;
     if (nmt_ == canopen::NmtState::boot_up) {
+      booted_now_ = true;
       booted_ = true;  // no torque until it is enabled anew; its heartbeat may be off again
       release_pending_ = false;
       mapped_ = false;  // its PDOs may come at once and hold anything
@@ -418,6 +421,7 @@ class Cia402Axis {
   bool reported_ = false;                         // a heartbeat of this tick says not operational
   bool heard_ = false;                            // a heartbeat or boot-up
   bool booted_ = false;                           // since NMT pre-operational was sent
+  bool booted_now_ = false;                       // in this tick
   bool alive_ = false;
   bool sampled_ = false;          // by the last frame
   bool asking_ = false;           // enable() was called in this tick

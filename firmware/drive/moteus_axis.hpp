@@ -46,15 +46,21 @@ class MoteusAxis {
     const std::uint32_t node = config_.node;
     list.add({node, 0xFF, false});
     list.add({node, 0x1FFF'00FF, true});
-    if (node < 8) list.add({node << 8U, 0x7FF, false});
-    list.add({node << 8U, 0x1FFF'7FFF, true});
+    if (node < 8) {
+      list.add({node << 8U, 0x7FF, false});
+    } else {
+      list.add({node << 8U, 0x1FFF'FFFF, true});
+    }
+    list.add({moteus::to_all, 0xFF, false});
+    list.add({moteus::to_all, 0x1FFF'00FF, true});
   }
   /// Takes a reply of the drive. Changes nothing unless the result is `accepted`. Every frame of another node
-  /// to the drive is a `foreign_command`; a broken reply, or one that is not CAN FD, is `malformed`.
+  /// to the drive, or to all drives, is a `foreign_command`; a broken reply, or one that is not CAN FD, is
+  /// `malformed`.
   Received receive(const hal::CanFrame& f) {
-    const std::uint32_t from = f.id >> 8U & 0x7FU, to = f.id & 0xFFU;
+    const std::uint32_t from = f.id >> 8U, to = f.id & 0xFFU;
     if (f.id > 0xFFFF) return Received::not_mine;
-    if (to == config_.node) return Received::foreign_command;
+    if (to == config_.node || to == moteus::to_all) return Received::foreign_command;
     if (from != config_.node || to != 0 || f.remote || f.extended != (f.id > 0x7FF))
       return Received::not_mine;
     const auto reply = moteus::decode_reply(f);

@@ -50,7 +50,7 @@ class OdriveAxis {
   /// Counts the ages; once per tick, before its frames are received. An axis without a heartbeat for longer
   /// than restarts_within() loses ready(), and repeats read-back and watchdog test.
   void begin_tick() {
-    counted_ = reported_ = false;
+    counted_ = reported_ = stopped_now_ = false;
     if (torque_age_ticks_ < age_max) ++torque_age_ticks_;
     if (sample_age_ticks_ < age_max) ++sample_age_ticks_;
     if (heartbeat_age_ticks_ < age_max) ++heartbeat_age_ticks_;
@@ -104,9 +104,10 @@ class OdriveAxis {
   }
   /// True if an emergency stop was on the bus or reported by the axis, and not acknowledged since.
   [[nodiscard]] bool emergency_stopped() const { return stopped_; }
-  /// Resets emergency_stopped() for the operator: its report may be cleared once, a newer one stops again.
+  /// Resets emergency_stopped() for the operator: its report may be cleared once. A newer report stops again,
+  /// and so does an emergency stop on the bus in this tick, which the operator has not seen.
   void acknowledge() {
-    stopped_ = false;
+    stopped_ = stopped_now_;
     acknowledged_ = reports_emergency_stop();
   }
   /// True if the last heartbeat reports an error of the axis or, firmware 0.5.6, of a component.
@@ -204,23 +205,33 @@ class OdriveAxis {
   // Not inlined: a frame of another axis costs a few comparisons and no call.
   [[gnu::noinline]] Received to_this(const hal::CanFrame& f) {
     const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
-    if (message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
+    if (message == odrive::Message::encoder_estimates) {
+      const auto estimates = odrive::decode_encoder_estimates(f);
+      return estimates ? take(*estimates) : no_report(f);
+    }
     Received r = Received::accepted;
     if (message == odrive::Message::heartbeat) {
-      r = take(odrive::decode_heartbeat(f, version_));
+      const auto heartbeat = odrive::decode_heartbeat(f, version_);
+      r = heartbeat ? take(*heartbeat) : no_report(f);
     } else if (message == odrive::Message::estop) {
-      stopped_ = true;
+      stopped_ = stopped_now_ = true;
     } else {
       r = commands(f) ? Received::foreign_command : answered(f, message);
     }
     if (r == Received::accepted) sampled_ = false;
     return r;
   }
+  /// A heartbeat or encoder message that cannot be decoded; as a remote frame it is the request of another
+  /// node.
+  [[nodiscard]] Received no_report(const hal::CanFrame& f) const {
+    if (!f.remote) return Received::malformed;
+    return commands(f) ? Received::foreign_command : Received::not_mine;
+  }
   [[gnu::noinline]] Received to_all(const hal::CanFrame& f) {
     if (static_cast<odrive::Message>(f.id & 0x1FU) != odrive::Message::estop) {
       return commands(f) ? Received::foreign_command : Received::not_mine;
     }
-    stopped_ = true;
+    stopped_ = stopped_now_ = true;
     sampled_ = false;
     return Received::accepted;
   }
@@ -349,9 +360,8 @@ class OdriveAxis {
     step_ = Step::configure;
   }
 
-  Received take(const std::optional<odrive::Heartbeat>& h) {
-    if (!h) return Received::malformed;
-    last_ = *h;
+  Received take(const odrive::Heartbeat& h) {
+    last_ = h;
     alive_ = true;
     beat_since_mode_ = true;
     answered_ = true;
@@ -377,12 +387,11 @@ class OdriveAxis {
     }
     return Received::accepted;
   }
-  Received take(const std::optional<odrive::EncoderEstimates>& e) {
-    if (!e) return Received::malformed;
+  Received take(const odrive::EncoderEstimates& e) {
     alive_ = reported_ = true;
-    sampled_ = version_ != Version::v0_5_6 || encoder_connected(*e);
+    sampled_ = version_ != Version::v0_5_6 || encoder_connected(e);
     if (!sampled_) return Received::accepted;
-    estimates_ = *e;
+    estimates_ = e;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -433,6 +442,7 @@ class OdriveAxis {
   bool answered_ = false;             // a heartbeat since the last request
   bool release_pending_ = false;      // asked into closed loop, not seen idle since
   bool stopped_ = false;              // emergency stop, not acknowledged
+  bool stopped_now_ = false;          // on the bus, in this tick
   bool acknowledged_ = false;         // its report may be cleared
   bool known_ = true, fresh_ = true;  // see know_errors()
   std::uint8_t postponed_ = 0;        // reports that were not fresh

@@ -89,12 +89,13 @@ class CommandLink {
   void late_by(std::uint32_t us) { lateness_us_ = us; }
   void offer_homing(bool offered) { homes_ = offered; }         ///< sets whether `home` is obeyed
   void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< sets Status::zero_unknown
-  /// Counts a refused frame: the caller could not follow a set point that take() gave.
+  /// Counts a refused frame: the caller could not follow a set point or an order that take() gave.
   void refuse() { count(Outcome::refused); }
 
-  /// True if no sign of life, which is a Command in order or an obeyed set point or sample, came for more
-  /// than `silence` ticks (0: not checked) in an armed state, or no sample of a begun stream for more than
-  /// `stream_age` ticks. While an unattended reference runs and is not held, no sign of life is needed.
+  /// True if no sign of life, which is a Command in order, no older than `order_age`, or an obeyed set point
+  /// or sample, came for more than `silence` ticks (0: not checked) in an armed state, or no sample of a
+  /// begun stream for more than `stream_age` ticks. While an unattended reference runs and is not held, no
+  /// sign of life is needed.
   [[nodiscard]] bool lost() const {
     const auto silence = static_cast<std::uint32_t>(parameters_[Index::silence]);
     const bool alone =
@@ -151,9 +152,10 @@ class CommandLink {
     const bool in_order = ahead(m, counter_of(f));
     if (in_order) last_[m] = counter_of(f);
     if (message == Message::command) {
-      if (in_order) heard_tick_ = tick_;  // even if the order is refused below
       const auto c = decode_command(f);
       if (!c) return Outcome::malformed;
+      // Even if the order is refused below; not a frame that something on its way has kept.
+      if (in_order && age_of(*c) <= config_.command_age_ticks_max) heard_tick_ = tick_;
       // An order that takes torque away needs no counter.
       return in_order || takes_away(c->order) ? order(*c, of_before) : Outcome::bad_counter;
     }
@@ -190,6 +192,10 @@ class CommandLink {
     return order(*c);
   }
 
+  /// Ticks since the Status that the frame answers.
+  [[nodiscard]] std::uint16_t age_of(const CommandFrame& c) const {
+    return static_cast<std::uint16_t>(tick_ - c.tick);
+  }
   /// `of_before`: it has the session before, so its Status must have had that one, too.
   Outcome order(const CommandFrame& c, bool of_before = false) {
     if (c.percent > (c.order == Order::override ? 100 : 0)) return Outcome::malformed;
@@ -201,7 +207,7 @@ class CommandLink {
       }
       return Outcome::obeyed;
     }
-    const auto age = static_cast<std::uint16_t>(tick_ - c.tick);
+    const std::uint16_t age = age_of(c);
     if (age + waited_ticks_ > config_.command_age_ticks_max) return Outcome::refused;
     if (of_before && age <= config_.command_age_ticks_max - grace_) return Outcome::refused;
     if (request_.command != Command::none) return Outcome::refused;

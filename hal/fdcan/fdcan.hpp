@@ -57,8 +57,12 @@ class Fdcan {
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0,
                           const IdFilters& filters = {}, bool loop_back = false) {
     opened_ = false;
-    const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits);
-    const BitTiming fast = data_rate == 0 ? BitTiming{} : bit_timing(clock, data_rate, fdcan::data_limits);
+    // The bit that switches the rate ends after the sender's sample point: all nodes must have the same one.
+    // A moteus samples at 67 % (fdcan.cc of its firmware).
+    const std::uint32_t share = data_rate == 0 ? 5 : 3;
+    const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits, share);
+    const BitTiming fast =
+        data_rate == 0 ? BitTiming{} : bit_timing(clock, data_rate, fdcan::data_limits, share);
     if (!slow.exact() || (data_rate != 0 && !fast.exact())) return false;
     using namespace fdcan;
     a_.write(cccr, a_.read(cccr) & ~cccr_bit::csr);
@@ -186,6 +190,7 @@ class Fdcan {
     std::uint32_t key = 0;  // arbitration()
     bool taken = false, perishable = false;
     bool taken_back = false;  // cancelled for a more urgent frame, to be sent later
+    bool dropped = false;     // cancelled for good
   };
   static_assert(Chip::tx_elements <= WaitingFrames::returned_max);
 
@@ -224,6 +229,7 @@ class Fdcan {
     for (std::size_t i = 0; i < buffers_.size(); ++i) {
       if (!buffers_[i].taken || !which(buffers_[i])) continue;
       buffers_[i].taken_back = false;
+      buffers_[i].dropped = true;
       selected |= 1U << i;
     }
     if (selected == 0) return;
@@ -270,12 +276,13 @@ class Fdcan {
       }
       if (free < buffers_.size()) {
         request(static_cast<fdcan::Word>(free), waiting_.front());
-        buffers_[free] = {key, true, waiting_.front().perishable, false};
+        buffers_[free] = {key, true, waiting_.front().perishable, false, false};
         waiting_.pop();
         continue;
       }
       for (std::size_t i = 0; i < buffers_.size(); ++i)
-        buffers_[i].taken_back = buffers_[i].taken_back || ((less_urgent >> i) & 1U) != 0;
+        buffers_[i].taken_back =
+            !buffers_[i].dropped && (buffers_[i].taken_back || ((less_urgent >> i) & 1U) != 0);
       if (less_urgent != 0) a_.write(Chip::txbcr, less_urgent);
       return;
     }

@@ -196,7 +196,9 @@ void judge_odrive(const Scene& scene, Findings& f) {
 
 Judgement judge(const Scene& scene, Log& log) {
   Judgement v{margins(scene, log), analyse_bus(scene), {}, {}};
-  judge_motion(scene, start_margins(scene), v.margins, v.findings);
+  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1)
+    v.parts = probe_scene(scene, v.margins);
+  judge_motion(scene, start_margins(scene), v.margins, saturated_ticks(scene, v.parts), v.findings);
   if (scene.closed_loop()) {  // else it runs in sim alone, which has no bus
     judge_bus(scene, v.bus, v.findings);
     judge_heartbeats(scene, v.findings);
@@ -206,10 +208,7 @@ Judgement judge(const Scene& scene, Log& log) {
   judge_unattended(scene, v.findings);
   judge_homing(scene, v.findings);
   judge_units(scene, v.findings);
-  if (scene.closed_loop() && v.margins.unreachable.empty() && v.margins.ticks > 1) {
-    v.parts = probe_scene(scene, v.margins);
-    judge_probe(scene, v.margins, v.parts, v.findings);
-  }
+  if (!v.parts.empty()) judge_probe(scene, v.margins, v.parts, v.findings);
   return v;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 /// `esmc check`: margins of a scene along its reference, of the true mechanism; the sampled loop; steps.
 
+#include <optional>
 #include <string>
 
 #include "host_sim/check/findings.hpp"
@@ -22,8 +23,9 @@ std::string refusal_of(const Scene& scene, bool on_bus = true);
 int run_margins(const RunOptions& o);
 
 /// Adds findings on limits and torques at the start and along the reference (margins.hpp), on gains and
-/// steps.
-void judge_motion(const Scene& scene, const Margins& start, const Margins& m, Findings& f);
+/// steps. `saturated`: share of the ticks as simulated (saturated_ticks()), if known.
+void judge_motion(const Scene& scene, const Margins& start, const Margins& m, std::optional<double> saturated,
+                  Findings& f);
 /// Adds hints at lengths, mass centres, inertias and angles that look like another unit, and at a fixed step
 /// longer than 1.5 ticks.
 void judge_units(const Scene& scene, Findings& f);

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <optional>
 #include <string_view>
 
 #include "host_sim/check/check.hpp"
@@ -31,10 +33,14 @@ void judge_open_loop(const Scene& s, Findings& f) {
 constexpr const char* torque_key = "control.torque_limit";
 constexpr double much = 0.7;  ///< share of a limit that leaves little to correct errors with
 
-/// Torque that is short for a part of the time is a warning: the mechanism may come back to its reference.
-Level shortage(const Margins& m) { return m.short_ticks > 0.2 * m.ticks ? Level::error : Level::warning; }
+/// Torque that is short for a part of the time is a warning: the mechanism may come back to its reference,
+/// and a law that does not follow it does not ask for that torque. `saturated`: share of the ticks as
+/// simulated.
+Level shortage(const Margins& m, std::optional<double> saturated) {
+  return (saturated ? *saturated > 0.5 : m.short_ticks > 0.2 * m.ticks) ? Level::error : Level::warning;
+}
 
-void judge_each(const Scene& s, const Margins& m, Findings& f) {
+void judge_each(const Scene& s, const Margins& m, Level shortage, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / m.torque_limit[i];
     std::string text = fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m",
@@ -42,7 +48,7 @@ void judge_each(const Scene& s, const Margins& m, Findings& f) {
     if (m.torque_limit[i] != s.torque_limit[i])
       text += fmt::format(", at which it gives {:.3g} N m (control.model)", m.torque_limit[i]);
     if (!(share <= 1.0)) {
-      f.add(shortage(m), Code::torque_exceeded, torque_key, "{}", text);
+      f.add(shortage, Code::torque_exceeded, torque_key, "{}", text);
     } else if (share > much) {
       f.warning(Code::torque_margin, torque_key, "{}; little is left to correct errors with", text);
     }
@@ -50,7 +56,7 @@ void judge_each(const Scene& s, const Margins& m, Findings& f) {
 }
 
 /// Four motors share the load: only their sum can be too small.
-void judge_together(const Margins& m, Findings& f) {
+void judge_together(const Margins& m, Level shortage, Findings& f) {
   if (!(m.share <= 1.0)) {
     std::vector<std::size_t> held;
     for (std::size_t i = 0; i < m.share_torque.size(); ++i) {
@@ -59,7 +65,7 @@ void judge_together(const Margins& m, Findings& f) {
     std::string names = fmt::format("{}", fmt::join(held, ", "));
     if (const std::size_t last = names.rfind(", "); last != std::string::npos)
       names.replace(last, 2, " and ");
-    f.add(shortage(m), Code::torque_exceeded, torque_key,
+    f.add(shortage, Code::torque_exceeded, torque_key,
           "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
           "alone takes (t = {:.3f} s)",
           held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
@@ -74,10 +80,10 @@ void judge_together(const Margins& m, Findings& f) {
 
 /// Torque that saturation or heating of a drive cuts off, and jumps of the reference: of position an error,
 /// of speed a warning. `m`: along the reference.
-void judge_drives(const Scene& s, const Margins& m, Findings& f) {
+void judge_drives(const Scene& s, const Margins& m, Level shortage, Findings& f) {
   for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
     if (m.drive_short[i] == 0.0) continue;
-    f.add(shortage(m), Code::torque_exceeded, "effects",
+    f.add(shortage, Code::torque_exceeded, "effects",
           "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
           "short in {:.2g} % of "
           "the ticks",
@@ -184,6 +190,43 @@ void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
   }
 }
 
+/// Ranges of position and speed in the frames of MIT drives, and of position in CiA 402: beyond them a drive
+/// that does not clamp wraps around, and the controller takes its joint to be elsewhere.
+void judge_ranges(const Scene& s, const Margins& m, Findings& f) {
+  const DriveScene& d = s.drives;
+  const bool mit = d.protocol == Protocol::mit && d.dialect != drive::mit::Dialect::cubemars_v3;
+  if (!mit && d.protocol != Protocol::cia402) return;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const std::size_t motor = k * d.gear_ratio.size() / 2;
+    const double gear = d.gear_ratio[motor];
+    const double range =
+        mit ? d.position_range[motor] : 2147483648.0 / d.counts_per_turn * 2.0 * std::numbers::pi;
+    const Extent& angle = m.angle[k];
+    // A zero that is confirmed may be anywhere in the range.
+    const double most = d.zero == Zero::absolute
+                            ? std::max(angle.high - d.offset[motor], d.offset[motor] - angle.low)
+                            : 0.5 * (angle.high - angle.low);
+    if (!(most * gear < range)) {
+      f.error(Code::limit_crossed, mit ? "drives.position_range" : "drives.counts_per_turn",
+              "base joint {} goes {:.3g} rad from the drive's zero, {:.3g} rad before the gear: the drive's "
+              "position ends at {:.3g} rad",
+              k + 1, most, most * gear, range);
+    }
+    if (!mit) continue;
+    const double speed = d.velocity_range[motor] / gear;
+    const bool slower = m.joint_speed[k] < speed;
+    if (speed < s.limits.joint_speed) {
+      f.add(
+          slower ? Level::warning : Level::error, Code::limit_crossed, "drives.velocity_range",
+          "the drive's speed ends at {:.3g} rad/s of base joint {}{}: a drive that does not clamp reports a "
+          "faster joint with the wrong sign",
+          speed, k + 1,
+          slower ? fmt::format(", limits.joint_speed is {:g}", s.limits.joint_speed)
+                 : fmt::format(", the reference takes {:.3g}", m.joint_speed[k]));
+    }
+  }
+}
+
 void judge_preload(const Scene& s, const Margins& m, Findings& f) {
   for (std::size_t i = 0; i < m.preload.size(); ++i) {
     if (!(m.preload[i] < std::abs(s.preload[i]) * (1.0 - 1e-9))) continue;
@@ -202,7 +245,8 @@ bool guarded_type2(const Scene& s) {
   return s.type == MechanismType::five_bar && !(s.all_motors && s.all_sensors);
 }
 
-void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findings& f) {
+void judge_motion(const Scene& s, const Margins& start, const Margins& m, std::optional<double> saturated,
+                  Findings& f) {
   judge_step(s, f);
   if (s.closed_loop())
     judge_limits(s, start, true, f);
@@ -211,12 +255,14 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, Findin
   if (!m.unreachable.empty()) f.error(Code::unreachable, "reference", "{}", m.unreachable);
   if (!m.unreachable.empty() || !s.closed_loop()) return;
   judge_limits(s, m, false, f);
+  judge_ranges(s, m, f);
   judge_preload(s, m, f);
+  const Level level = shortage(m, saturated);
   if (m.together)
-    judge_together(m, f);
+    judge_together(m, level, f);
   else
-    judge_each(s, m, f);
-  judge_drives(s, m, f);
+    judge_each(s, m, level, f);
+  judge_drives(s, m, level, f);
   judge_table(s, m, f);
   judge_start_and_sag(s, m, f);
   judge_gains(s, f);

@@ -92,7 +92,9 @@ ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
   out.change = mean_change(s, t, last);
   const double earlier = mean_change(s, t, before);
   if (earlier > 0.0 && out.change > 0.0) out.growth = std::pow(out.change / earlier, 1.0 / last.size());
-  for (std::size_t n = last.from; n < last.to; ++n) out.saturated += t.saturated[n] ? 1.0 / last.size() : 0.0;
+  const Stretch counted = kind == ProbePart::Kind::slow ? Stretch{0, std::max<std::size_t>(ran, 1)} : last;
+  for (std::size_t n = counted.from; n < std::min(counted.to, t.saturated.size()); ++n)
+    out.saturated += t.saturated[n] ? 1.0 / counted.size() : 0.0;
   const auto& errors = t.statistics.sums().effector;
   out.error = kind == ProbePart::Kind::slow ? errors.settled().largest : errors.all().largest;
   if (!std::isfinite(t.end.q.front())) {
@@ -118,14 +120,13 @@ std::optional<double> slowing(const Scene& scene) {
   return std::clamp(scene.duration * scene.rate_hz / slow_ticks, 1.0, most);
 }
 
-/// The scene from its start, its ticks `longer` times as long: for what takes longer than a part. Without
+/// The scene with ticks that are `longer` times as long: for what takes longer than a part. Without
 /// what only a fast loop shows: delays, the drives' observers, noise, gears; with the lambda that such a loop
 /// bears, and the implicit law for others with a layer.
 Scene slowed(const Scene& scene, double longer) {
   Scene s = scene;
   s.whole = std::make_shared<const Scene>(scene);
   s.rate_hz = scene.rate_hz / longer;
-  s.duration = slow_ticks * s.tick();
   s.step = std::min(s.step, scene.tick());
   std::erase_if(s.effects, [](const Effect& e) {
     return acts_on_bus(e) || std::holds_alternative<Encoder>(e) || std::holds_alternative<SensorNoise>(e) ||
@@ -148,6 +149,44 @@ Scene slowed(const Scene& scene, double longer) {
   return s;
 }
 
+/// s, when the first load after `t` begins in the scene; empty: none.
+std::optional<double> next_load(const Scene& scene, double t) {
+  std::optional<double> out;
+  const auto look = [&](double from) {
+    if (from > t && from < scene.duration) out = std::min(from, out.value_or(from));
+  };
+  for (const Effect& e : scene.effects) {
+    if (const auto* load = std::get_if<Payload>(&e)) look(load->from);
+    if (const auto* force = std::get_if<ExternalForce>(&e)) look(force->from);
+  }
+  return out;
+}
+
+/// The state on the reference at a tick, on the turn of the reference; empty: out of reach.
+std::optional<Moment> on_reference(const Scene& scene, const Margins& m, std::uint32_t tick, double least) {
+  auto from = moment_at(scene, tick, least);
+  for (std::size_t k = 0; from && k < 2; ++k) {
+    double& base = from->angle[k * from->angle.size() / 2];
+    base = nearest_turn(base, 0.5 * (m.angle[k].low + m.angle[k].high));
+  }
+  return from;
+}
+
+/// The scene at a lower rate, from its start; if a load begins after that, half of the ticks from just before
+/// it on.
+void run_slowed(const Scene& slow, const Margins& m, std::vector<ProbePart>& out) {
+  constexpr std::uint32_t before = 10;
+  const auto load = next_load(slow, slow_ticks * slow.tick());
+  const std::uint32_t each = load ? slow_ticks / 2 : slow_ticks;
+  Scene first = slow;
+  first.duration = each * slow.tick();
+  out.push_back(run_part(first, 0, ProbePart::Kind::slow));
+  if (!load) return;
+  const auto at = static_cast<std::uint32_t>(*load * slow.rate_hz) - before;
+  if (const auto from = on_reference(slow, m, at, 0.0))
+    out.push_back(run_part(part_of(slow, *from, each), at, ProbePart::Kind::slow));
+}
+
 }  // namespace
 
 std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
@@ -167,19 +206,15 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
                    scene.tick();
   std::vector<ProbePart> out{run_part(first, 0, all ? typical : begin)};
   if (all) return out;
-  if (longer) out.push_back(run_part(slowed(scene, *longer), 0, slow));
+  if (longer) run_slowed(slowed(scene, *longer), m, out);
   // From a push a good loop recovers, with the torque that the reference leaves.
   const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
   for (std::uint32_t i = 0; i < places; ++i) {
     const std::uint32_t at =
         join + static_cast<std::uint32_t>((2 * i + 1) * std::uint64_t{last - join} / (2 * places));
-    auto from = moment_at(scene, std::clamp(at, join + 1, last - each), m.tick_speed);
+    auto from = on_reference(scene, m, std::clamp(at, join + 1, last - each), m.tick_speed);
     if (!from) continue;
     for (double& rate : from->rate) rate *= push;
-    for (std::size_t k = 0; k < 2; ++k) {  // on the turn of the reference
-      double& base = from->angle[k * from->angle.size() / 2];
-      base = nearest_turn(base, 0.5 * (m.angle[k].low + m.angle[k].high));
-    }
     out.push_back(run_part(part_of(scene, *from, each), from->tick, typical));
   }
   return out;
@@ -187,17 +222,16 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
 
 namespace {
 
-/// The scene as it ran at a lower rate; null: it did not, or that rate made it ring or meet a fault of its
-/// own.
-const ProbePart* slow_run(const std::vector<ProbePart>& parts) {
-  constexpr double smooth = 0.1, enough_ticks = 10.0;
+/// False for a part at a lower rate, where that rate made it ring (`smooth`: change of torque per tick, as
+/// share of torque_limit) or meet a fault of its own.
+bool counts(const ProbePart& p, double smooth = 0.1) {
+  constexpr double enough_ticks = 10.0;
   constexpr Fault of_the_way[] = {Fault::type1_singularity, Fault::type2_singularity, Fault::working_mode};
-  const auto it = std::ranges::find(parts, ProbePart::Kind::slow, &ProbePart::kind);
-  if (it == parts.end() || !(it->change < smooth) || it->diverged) return nullptr;
-  const bool holds = it->fault.empty() || it->fault == name(Fault::join_infeasible) ||
-                     (it->fault_t * it->rate_hz >= enough_ticks &&
-                      std::ranges::any_of(of_the_way, [&](Fault f) { return it->fault == name(f); }));
-  return holds ? &*it : nullptr;
+  if (p.kind != ProbePart::Kind::slow) return true;
+  if (!(p.change < smooth) || p.diverged) return false;
+  return p.fault.empty() || p.fault == name(Fault::join_infeasible) ||
+         ((p.fault_t - p.t) * p.rate_hz >= enough_ticks &&
+          std::ranges::any_of(of_the_way, [&](Fault f) { return p.fault == name(f); }));
 }
 
 void judge_join(const Scene& scene, const Margins& m, Findings& f) {
@@ -224,30 +258,32 @@ void judge_ends(const Scene& scene, const Margins& m, const std::vector<ProbePar
             lost->t, *lost->diverged, scene.step,
             set_valued(scene.effects) ? "" : ", integrator = \"radau5\"");
   }
-  const ProbePart* slow = slow_run(parts);
   for (const ProbePart& p : parts) {
-    if (p.fault.empty() || (p.kind == ProbePart::Kind::slow && &p != slow)) continue;
+    if (p.fault.empty() || !counts(p)) continue;
     if (p.fault == name(Fault::join_infeasible)) {
       if (!f.refused_for(Code::limit_crossed)) judge_join(scene, m, f);
-    } else if (!f.refused()) {
+    } else if (!f.refused_for(Code::limit_crossed)) {
       f.error(Code::limit_crossed, m.off_reference ? "reference.join" : "limits",
               "simulated from t = {:.3f} s{}, the loop ends in the fault {} at t = {:.3f} s{}", p.t,
-              &p == slow ? fmt::format(" at {:.3g} Hz", p.rate_hz) : "", p.fault, p.fault_t,
-              m.off_reference ? ": reference.join (s) leads onto the reference" : "");
+              p.kind == ProbePart::Kind::slow ? fmt::format(" at {:.3g} Hz", p.rate_hz) : "", p.fault,
+              p.fault_t, m.off_reference ? ": reference.join (s) leads onto the reference" : "");
     }
   }
 }
 
 /// Whether a law with the scene's own gains is still on its reference in what takes longer than a part.
 void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
-  const ProbePart* slow = slow_run(parts);
-  if (slow == nullptr || !slow->fault.empty() || scene.sliding() || f.has(Code::not_followed)) return;
-  const bool own_gains = std::max(scene.lambda.position, scene.lambda.angle) <= steepest * slow->rate_hz;
-  if (!own_gains || !(m.path() > 0.0) || !(slow->error > m.path())) return;
-  f.warning(Code::not_followed, "control",
-            "simulated at {:.3g} Hz, for what takes long, the effector leaves the reference by {:.3g} mm, "
-            "{:.0f} % of the path",
-            slow->rate_hz, 1e3 * slow->error, 100.0 * slow->error / m.path());
+  if (f.has(Code::not_followed) || (scene.sliding() && !f.has(Code::torque_exceeded))) return;
+  for (const ProbePart& p : parts) {
+    if (p.kind != ProbePart::Kind::slow || !counts(p) || !p.fault.empty()) continue;
+    const bool own_gains = std::max(scene.lambda.position, scene.lambda.angle) <= steepest * p.rate_hz;
+    if (!own_gains || !(m.path() > 0.0) || !(p.error > m.path())) continue;
+    f.warning(Code::not_followed, "control",
+              "simulated at {:.3g} Hz, for what takes long, the effector leaves the reference by {:.3g} mm, "
+              "{:.0f} % of the path",
+              p.rate_hz, 1e3 * p.error, 100.0 * p.error / m.path());
+    return;
+  }
 }
 
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
@@ -271,6 +307,19 @@ double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t t
 }
 
 }  // namespace
+
+std::optional<double> saturated_ticks(const Scene& scene, const std::vector<ProbePart>& parts) {
+  constexpr double smooth = 0.2;
+  double sum = 0.0, slow = 0.0, s = 0.0;
+  for (const ProbePart& p : parts) {
+    if (p.kind != ProbePart::Kind::slow) continue;
+    if (!counts(p, smooth) || !p.fault.empty()) return std::nullopt;
+    sum += p.saturated;
+    ++slow;
+    s += p.ticks / p.rate_hz;
+  }
+  return slow > 0.0 && s > 0.9 * scene.duration ? std::optional(sum / slow) : std::nullopt;
+}
 
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {
   // Of a mean of few ticks less than the limit may be the limit.

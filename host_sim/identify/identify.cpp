@@ -61,11 +61,11 @@ IdentifyProblem read_problem(const RecordedRun& run, const IdentifyOptions& o) {
               "state is '{}': only rows of a running controller tell torques, leave the others out",
               printable(log.words[i].substr(0, 40)));
   }
+  require_every_tick(log, 0, p.tick);
   const std::size_t needed = ticks_needed(p);
   if (log.rows() < needed)
     refuse("{}: {} rows are too few: twenty windows of {:g} s need {}, {:.3g} s of motion", run.log,
            log.rows(), o.window, needed, static_cast<double>(needed) * p.tick);
-  require_every_tick(log, 0, p.tick);
   p.angle = {log.columns[1], log.columns[2]};
   for (std::size_t m = 0; m < motors.size(); ++m) {
     p.motors.push_back(static_cast<int>(motors[m]));

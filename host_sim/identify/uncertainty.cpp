@@ -373,7 +373,8 @@ UncertaintyTable uncertainty_table(const Identification& r, const IdentifyProble
   table.toml += factor_lines(c, f, coverage, table.warnings);
   table.toml += friction_lines(r, coverage, table.warnings);
   table.toml += fmt::format(
-      "# of the torque; what sensors lag is not in it: control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
+      "# of the torque, with delays that the log does not tell apart from it, not the drives' observers: "
+      "control.delay_ticks = {:.2f}, from {:.2f} to {:.2f}\n",
       std::max(0.0, r.delay_ticks), r.delay_ticks - coverage * r.delay_sigma,
       r.delay_ticks + coverage * r.delay_sigma);
   return table;

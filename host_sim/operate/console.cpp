@@ -161,7 +161,7 @@ void Console::list_points(const Words&) {
 
 void Console::zero(const Words&) {
   if (now().state != State::disabled || !link_.obeyed(link::Order::confirm_zero))
-    refuse("not_now", "zero is confirmed while disabled");
+    refuse("not_now", "zero is confirmed while disabled, with fresh samples of all encoders");
   say("zero confirmed");
 }
 

@@ -23,7 +23,7 @@ struct Maker {
         for (std::size_t i = 0; i < rate.size(); ++i) {
           const double sign = hyperbolic_tangent(rate[i] * per_rate);
           torque[i] -= e.torque[i] * sign;
-          torque[i] -= e.asymmetry[i] * std::abs(sign);
+          torque[i] -= e.asymmetry[i] * sign * sign;  // as smooth as the sign
         }
       });
     } else if (e.asymmetry != PerJoint{}) {  // a constant torque beside what is set-valued, also at rest:

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <map>
@@ -15,11 +16,13 @@
 
 #include "host_sim/error.hpp"
 #include "host_sim/json_text.hpp"
+#include "host_sim/record/digest.hpp"
 #include "host_sim/record/output.hpp"
 #include "host_sim/record/recording.hpp"
 #include "host_sim/record/run_options.hpp"
 #include "host_sim/record/verdict.hpp"
 #include "host_sim/report/study_page.hpp"
+#include "host_sim/scene/scene.hpp"
 #include "host_sim/scene/toml_text.hpp"
 
 namespace esmc::host {
@@ -28,8 +31,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 using Flat = std::map<std::string, std::string>;
 
-/// Keys of a scene and their values as text; entries of arrays of tables count from 1.
-Flat keys_of(const std::string& file) {
+/// Keys of a run's scene and their values as text, with the digests of the files that it names; entries of
+/// arrays of tables count from 1.
+Flat keys_of(const std::string& directory) {
+  const std::string file = directory + "/scene.toml";
   Flat out;
   std::map<std::string, int> seen;
   std::string above;
@@ -43,6 +48,13 @@ Flat keys_of(const std::string& file) {
     } else if (const std::size_t equals = line.find(" = "); equals != std::string::npos) {
       out[above + line.substr(0, equals)] = line.substr(equals + 3);
     }
+  }
+  for (const char* name : companion_names) {
+    const std::string named = directory + "/" + name;
+    if (!std::filesystem::is_regular_file(named)) continue;
+    std::string& value = out[Companion{name, "", ""}.key()];  // absent where its table is inline
+    value +=
+        fmt::format("{}digest {}", value.empty() ? "" : ", ", digest_text(fnv(fnv_start, bytes_of(named))));
   }
   return out;
 }
@@ -76,8 +88,7 @@ struct Run {
   std::vector<std::string> columns;
   std::vector<std::vector<std::string>> rows;  ///< fields as written
 
-  explicit Run(const std::string& d)
-      : directory(d), scene(keys_of(d + "/scene.toml")), summary(read_summary(d)) {
+  explicit Run(const std::string& d) : directory(d), scene(keys_of(d)), summary(read_summary(d)) {
     metrics_of(summary, "", metrics);
     require_csv(d);
     const std::string file = d + "/log.csv";
@@ -94,6 +105,11 @@ struct Run {
         refuse("{}:{}: {} fields, and the header has {}", file, rows.size() + 2, row.size(), columns.size());
     }
     if (columns.empty()) refuse("{}: empty", file);
+  }
+  /// --log-every of the run.
+  [[nodiscard]] int every() const {
+    static const Json::json_pointer at("/run/log/every");
+    return summary.contains(at) && summary[at].is_number_integer() ? summary[at].get<int>() : 1;
   }
   [[nodiscard]] std::size_t column(const std::string& name) const {
     return static_cast<std::size_t>(std::ranges::find(columns, name) - columns.begin());
@@ -266,6 +282,10 @@ std::string text(const Json& j) {
 
 int run_compare(const CompareOptions& o) {
   const Run a(o.a), b(o.b);
+  if (a.every() != b.every()) {
+    refuse("{} and {}: their logs have every {}. and every {}. tick: run them with one --log-every", o.a, o.b,
+           a.every(), b.every());
+  }
   OutputDirectory out(o.out);
   for (const std::string& run : {o.a, o.b}) out.spare(run + "/scene.toml");
   bool beyond = false;

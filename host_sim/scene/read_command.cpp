@@ -47,9 +47,10 @@ std::vector<std::uint32_t> drive_identifiers(const Scene& scene) {
       nodes({0});
       for (const int id : d.master_id) out.push_back(static_cast<std::uint32_t>(id));
       break;
-    case Protocol::moteus:  // whose low eight bits are the destination, 0 for all; and replies
+    case Protocol::moteus:  // whose low eight bits are the destination, 7Fh for all; and replies, to 0
       for (const std::uint32_t source : {0x000U, 0x100U, 0x200U, 0x300U, 0x400U, 0x500U, 0x600U, 0x700U}) {
         out.push_back(source);
+        out.push_back(source + 0x7F);
         nodes({source});
       }
       break;

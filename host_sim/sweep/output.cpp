@@ -154,7 +154,9 @@ Json sweep_summary(const SweepSpec& spec, const CaseScenes& scenes, const SweepT
     double sum = 0.0;
     for (const double x : v) sum += x;
     const auto quantile = [&](double p) {
-      return v[static_cast<std::size_t>(p * static_cast<double>(v.size() - 1) + 0.5)];
+      const double at = p * static_cast<double>(v.size() - 1);
+      const auto i = static_cast<std::size_t>(at);
+      return std::lerp(v[i], v[std::min(i + 1, v.size() - 1)], at - static_cast<double>(i));
     };
     o = {{"min", v.front()},      {"p05", quantile(0.05)}, {"median", quantile(0.5)},
          {"p95", quantile(0.95)}, {"max", v.back()},       {"mean", sum / static_cast<double>(v.size())}};

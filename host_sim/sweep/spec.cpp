@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <optional>
 #include <set>
+#include <sstream>
 
 #include "host_sim/error.hpp"
 #include "host_sim/scene/key.hpp"
@@ -273,6 +274,13 @@ SweepSpec read_sweep(const std::string& file) {
   const auto scene = root.text("scene");
   if (!scene) root.wrong("scene", "the scene file, relative to this one");
   spec.scene = (std::filesystem::path(file).parent_path() / *scene).string();
+  const toml::source_region at = root.get("scene")->source();
+  std::istringstream lines(spec.text);
+  std::string line;
+  for (toml::source_index n = 1; std::getline(lines, line); ++n) {
+    if (n == at.begin.line) line = "scene = \"scene.toml\"";
+    if (n <= at.begin.line || n > at.end.line) spec.text_of_run += line + "\n";
+  }
   if (const toml::node* sets = root.get("set")) {
     spec.sets = root.texts("set", sets->as_array(),
                            "an array of \"section.key=value\", as --set of esmc sim takes them");

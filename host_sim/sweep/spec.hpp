@@ -67,8 +67,9 @@ struct Vary {
 };
 
 struct SweepSpec {
-  std::string file, text;  ///< the text as read
-  std::string scene;       ///< path of the scene file
+  std::string file, text;   ///< the text as read
+  std::string text_of_run;  ///< as left with the results: `scene` is the scene.toml beside it
+  std::string scene;        ///< path of the scene file
   std::vector<std::string> sets;
   std::string sets_where;  ///< for errors
   std::uint64_t seed = 1;

@@ -143,7 +143,7 @@ class Sweep {
   void finish(const Json& timing) {
     const Json summary = sweep_summary(spec_, scenes_, table_);
     if (out_.wanted()) {
-      out_.write("sweep.toml", spec_.text);
+      out_.write("sweep.toml", spec_.text_of_run);
       write_scene(scenes_.nominal(), out_);
       write_cases(out_.path("cases.csv"), spec_, scenes_, table_);
       out_.write("summary.json", document_text(summary));

@@ -50,6 +50,12 @@ class Compare(unittest.TestCase):
         self.compare("a", "b", "--tolerance", 1.001 * worst)
         self.assertLess(float(one[row]["t"]), 0.1)
 
+    def test_files_that_scenes_name_differ_by_their_contents(self):
+        for name, x in (("left", -0.03), ("right", 0.03)):
+            (self.tmp / "path.csv").write_text(f"t,x,y\n0,0,0.18\n0.5,{x},0.2\n1,0,0.22\n", encoding="utf-8")
+            self.assertEqual(esmc("sim", CIRCLE, "--out", self.tmp / name, *sets("simulation.duration=0.1", 'reference={type="file", path="' + str(self.tmp / "path.csv") + '", join=0.3}')).returncode, 0)
+        self.assertEqual([d["key"] for d in self.compare("left", "right", code=1)["scene"]], ["reference.path"])
+
     def test_rows_and_columns_that_one_has_not(self):
         j = self.compare("a", "short", "--tolerance", "1e9", code=1)
         self.assertEqual((j["log"]["rows_a"], j["log"]["rows_b"]), (len(self.rows("a")), len(self.rows("short"))))

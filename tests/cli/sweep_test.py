@@ -137,6 +137,9 @@ def threads_and_processes(folder):
           f"files: {sorted(f.name for f in one.iterdir())}")
     sweep(spec, "--out", folder / "two", "--jobs", 2)
     same(one, folder / "two", "two threads")
+    sweep(one / "sweep.toml", "--out", folder / "again")  # what is left there runs without the folder of the first
+    for name in ("cases.csv", "summary.json", "scene.toml", "sweep.toml"):
+        check((one / name).read_bytes() == (folder / "again" / name).read_bytes(), f"from its results: {name} differs")
     sweep(spec, "--out", folder / "scalar", "--jobs", 2, "--scalar")
     same(one, folder / "scalar", "without lanes")
     j = json.loads(sweep(spec, "--json").stdout)

@@ -58,6 +58,31 @@ class Verdicts(Case):
         self.assertEqual(esmc("bake", CIRCLE, *sets("control.torque_limit=0.489")).returncode, 2)
         self.judged(["control.gain=0"], "warning", "no_gain")
 
+    def test_a_drive_must_be_able_to_say_where_its_joint_is(self):
+        """MIT drives and CiA 402 have ranges beyond which they wrap around: hil ends in a fault or far off."""
+        mit, circle = ["drives.protocol=mit", "drives.master_id=[11,12]"], "drives.gear_ratio=[9,3]"
+        wide = [*mit, "drives.nodes=[1,2]", "reference.join=0.3", "drives.torque_range=20", "drives.position_range=40", circle]
+        coarse = ["drives.protocol=cia402", "drives.rated_torque=1", "drives.gear_ratio=60"]
+        self.judged([*mit, "drives.gear_ratio=20"], "error", "limit_crossed", where="drives.position_range", scene=ARM)
+        self.judged(wide, "error", "limit_crossed", where="drives.velocity_range")
+        self.judged([*wide, "drives.velocity_range=100"], "warning", "limit_crossed", where="drives.velocity_range")  # below limits.joint_speed
+        self.judged([*coarse, "drives.counts_per_turn=500000000"], "error", "limit_crossed", where="drives.counts_per_turn", scene=ARM)
+        for good, scene in (([*wide, "drives.velocity_range=500"], CIRCLE), ([*coarse, "drives.counts_per_turn=1000000"], ARM)):
+            self.assertNotIn("limit_crossed", [f["code"] for f in self.check(scene, *good)["findings"]], good)
+
+    def test_torque_that_is_not_asked_for(self):
+        """The reference takes more than the limit; a hand at the effector and a weak law keep the arm off it, and sim is never saturated."""
+        values = ['effects=[{type="external_force", kind="human", anchor=[0.0, 0.25], stiffness=86, damping=0.5}]', "limits.joint_speed=200",
+                  'reference={type="circle", center=[0.3, 0.3], radius=0.1, speed=2, join=0.3}', 'initial={at="reference"}', "simulation.duration=1.5",
+                  "control.torque_limit=5.7", "control.reaching=super_twisting", "control.gain=3", "control.lambda=29"]
+        self.assertEqual(json.loads(esmc("sim", ARM, "--json", *sets(*values)).stdout)["torque"]["saturated_ticks"], 0)
+        self.judged(values, "warning", "torque_exceeded", scene=ARM)
+
+    def test_a_load_that_begins_late(self):
+        late = ["simulation.duration=6", "control.law=pd", "control.kp=3", "control.kd=0.3", 'effects=[{type="payload", mass=1.5, from=4.0}]']
+        parts = self.check(CIRCLE, *late)["simulated"]
+        self.assertTrue(any(p["rate_hz"] < 1000 and 3.0 < p["t"] < 4.0 for p in parts), parts)
+
     def test_torques_are_those_of_an_undisturbed_run(self):
         """A law that knows everything but the effect gives the torque of check.csv once it has settled."""
         near, law = ("reference.join=0.3", "simulation.duration=1.2", "simulation.step=2e-5"), ("control.disturbance_observer=100", "control.lambda=60")

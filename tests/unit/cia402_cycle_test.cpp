@@ -22,12 +22,12 @@ using Node = Cia402Cycle<Five>;
 struct Clocked {
   std::array<Slave, 2> slaves{};
   TimedBus bus;
-  Node cycle{config()};
+  Node cycle;
   std::vector<CanFrame> late;
   bool cuts = false;  ///< the second frame of each drive comes after the tick, and waits for 0.55 ms until
                       ///< the next begins
 
-  static Node::Config config() {
+  static Node::Config config(bool absolute) {
     Node::Config c;
     const auto s = setup<Five>();
     c.controller = s.controller;
@@ -39,9 +39,11 @@ struct Clocked {
     }
     c.line = drive::CanopenLine(100, 1);
     c.heartbeat_age_ticks_max = 20;
+    c.zero_absolute = absolute;
+    for (int j = 0; j < 4; ++j) c.zero_pose[j] = s.angle[static_cast<unsigned>(j)];
     return c;
   }
-  Clocked() {
+  explicit Clocked(bool absolute = true) : cycle(config(absolute)) {
     for (unsigned i = 0; i < 2; ++i) {
       slaves[i].node = i + 1;
       slaves[i].objects[entry(0x1014, 0)] = 0x80U + i + 1;
@@ -73,7 +75,8 @@ struct Clocked {
   [[nodiscard]] bool beats() const { return std::ranges::count(bus.sent(), can(0x764, {5})) != 0; }
   [[nodiscard]] State state() const { return cycle.supervisor().state(); }
   bool start() {
-    for (int i = 0; i < 400 && state() != State::running; ++i) tick(i == 3 ? Command::enable : Command::none);
+    for (int i = 0; i < 400 && state() != State::running && (i < 4 || state() != State::fault); ++i)
+      tick(i == 3 ? Command::enable : Command::none);
     return state() == State::running;
   }
 };
@@ -111,6 +114,25 @@ TEST(Cia402Cycle, BeatsOnWhenItIsDisabledAgainAndNotInAFault) {
   c.tick();
   ASSERT_EQ(c.state(), State::fault);
   EXPECT_FALSE(c.beats());
+}
+
+/// However soon its heartbeats are back.
+TEST(Cia402Cycle, ADriveThatSaysThatItHasBootedHasLostItsZero) {
+  for (const bool boots : {false, true}) {
+    Clocked c(false);
+    EXPECT_FALSE(c.start()) << "the first arming sets the drives up";
+    for (int i = 0; i < 60; ++i) c.tick();
+    c.tick(Command::reset);
+    for (int i = 0; i < 20; ++i) c.tick();
+    c.tick(Command::confirm_zero);
+    ASSERT_TRUE(c.start());
+    c.tick(Command::stop);
+    for (int i = 0; i < 100; ++i) c.tick();
+    if (boots) c.bus.push(heartbeat_of(2, 0));
+    for (int i = 0; i < 10; ++i) c.tick();
+    EXPECT_EQ(c.start(), !boots);
+    EXPECT_EQ(c.cycle.supervisor().fault(), boots ? Fault::zero_not_confirmed : Fault::none);
+  }
 }
 
 TEST(Cia402Cycle, ADriveThatIsNotWhatWasConfiguredIsNotArmed) {

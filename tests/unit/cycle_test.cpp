@@ -291,6 +291,21 @@ TYPED_TEST(ControlCycle, AnUnreportedEmergencyStopIsNamedAtTheNextEnabling) {
   }
 }
 
+/// The operator resets the first one and has not seen the second.
+TYPED_TEST(ControlCycle, AnEmergencyStopInTheTickOfTheResetIsNotAcknowledgedByIt) {
+  Rig<TypeParam> rig;
+  ASSERT_TRUE(rig.start());
+  rig.bus.push(test::message(rig.node(0), 0x02, 0, 0, 0));
+  EXPECT_EQ(rig.tick().fault, Fault::emergency_stop);
+  for (int i = 0; i < 5; ++i) rig.tick();
+  rig.bus.push(test::message(rig.node(1), 0x02, 0, 0, 0));
+  rig.tick(Command::reset);
+  rig.tick();
+  EXPECT_EQ(rig.tick(Command::enable).fault, Fault::emergency_stop);
+  rig.tick(Command::reset);
+  EXPECT_TRUE(rig.start());
+}
+
 /// An emergency stop ends the run; the operator's reset and enable clear its error, once, and it runs again.
 TYPED_TEST(ControlCycle, AfterAnEmergencyStopResetAndEnableWork) {
   for (const bool running : {false, true}) {

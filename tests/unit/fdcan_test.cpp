@@ -113,6 +113,33 @@ TYPED_TEST(Fdcan, ACancelThatLosesIsNotCounted) {
   }
 }
 
+/// A frame that was withdrawn while it was on the wire, and then lost the arbitration, must not come back
+/// when a more urgent one needs its buffer.
+TYPED_TEST(Fdcan, AWithdrawnFrameDoesNotComeBack) {
+  this->open();
+  CanFrame old = frame(0x6E, {15}), now = frame(0x6E, {0});
+  old.perishable = now.perishable = true;
+  for (const CanFrame& f : {old, frame(0x790, {}), frame(0x796, {})})
+    EXPECT_EQ(this->bus.try_send(f), SendStatus::ok);
+  ASSERT_EQ(this->model.begin_frame()->id, 0x6EU);
+  this->bus.withdraw();
+  EXPECT_EQ(this->bus.try_send(frame(0x2E, {})), SendStatus::ok);
+  this->model.lost();
+  EXPECT_EQ(this->bus.try_send(now), SendStatus::ok);
+  std::vector<std::uint32_t> ids;
+  for (int i = 0; i < 8; ++i) {
+    this->poll();
+    const auto f = this->model.take();
+    if (!f) break;
+    ids.push_back(f->id);
+    if (f->id == 0x6E) {
+      EXPECT_EQ(f->bytes[0], 0);
+    }
+  }
+  EXPECT_EQ(ids, (std::vector<std::uint32_t>{0x2E, 0x6E, 0x790, 0x796}));
+  EXPECT_EQ(this->bus.withdrawn(), 1U);
+}
+
 TYPED_TEST(Fdcan, FullIsSaidAndNothingIsOverwritten) {
   this->open();
   int taken = 0;
@@ -329,7 +356,10 @@ TYPED_TEST(Fdcan, FdFrames) {
   ASSERT_TRUE(this->bus.open(40'000'000, 1'000'000, 5'000'000));
   EXPECT_EQ(this->model.nominal(40e6).rate, 1e6);
   EXPECT_EQ(this->model.data(40e6).rate, 5e6);
-  EXPECT_GE(this->model.data(40e6).sample_point, 0.7);
+  // Those of a moteus, 57/85 and 12/17: its bit that switches the rate ends 5/85 us after its sample point.
+  EXPECT_LT(this->model.nominal(40e6).sample_point, (57.0 + 5.0) / 85.0 - 0.03);
+  EXPECT_GT(this->model.nominal(40e6).sample_point, 57.0 / 85.0 - 0.03);
+  EXPECT_NEAR(this->model.data(40e6).sample_point, 12.0 / 17.0, 0.06);
   CanFrame f = frame(0x321, {});
   f.fd = f.bit_rate_switch = true;
   f.size = 13;  // on the wire 16

@@ -69,10 +69,11 @@ TEST(IdFilters, MitHearsCommandsAndReplies) {
 TEST(IdFilters, MoteusHearsEverySourceAndItsReplies) {
   for (const std::uint8_t node : std::array<std::uint8_t, 6>{1, 4, 6, 7, 8, 9}) {
     Identifiers standard, extended;
-    for (std::uint32_t source = 0; source < 8; ++source) standard.insert(source << 8U | node);
-    if (node < 8) standard.insert(node * 0x100U);
-    for (std::uint32_t source = 0; source < 0x100; ++source) extended.insert(source << 8U | node);
-    extended.insert({node * 0x100U, 0x8000U + node * 0x100U});
+    for (const std::uint32_t to : std::array<std::uint32_t, 2>{node, 0x7F}) {  // 7Fh: to all drives
+      for (std::uint32_t source = 0; source < 8; ++source) standard.insert(source << 8U | to);
+      for (std::uint32_t source = 0; source < 0x100; ++source) extended.insert(source << 8U | to);
+    }
+    (node < 8 ? standard : extended).insert(node * 0x100U);
     const drive::MoteusAxis axis({.node = node}, {});
     EXPECT_EQ(heard(axis, 0, 0x800, false), standard);
     EXPECT_EQ(heard(axis, 0, 0x20000, true), extended);

@@ -61,6 +61,21 @@ TEST(LinkEdges, ASilentConsoleIsLostInEveryArmedState) {
   EXPECT_FALSE(link.lost()) << "before the first state is known";
 }
 
+/// What something on the way has kept keeps no motion alive: a sign of life answers a Status that is no older
+/// than an order may be.
+TEST(LinkEdges, ASignOfLifeThatAnswersAnOldStatusIsNone) {
+  for (const bool old : {false, true}) {
+    LinkBench b(with_silence(500));
+    b.run();
+    const unsigned tick = b.desk.tick;
+    for (int i = 0; i < 1500; ++i) {
+      if (old) b.desk.tick = tick;
+      b.tick({b.desk.order(Desk::none)});
+    }
+    EXPECT_EQ(b.supervisor.fault(), old ? Fault::command_lost : Fault::none);
+  }
+}
+
 TEST(LinkEdges, AStreamEndsWithItsEpisode) {
   LinkBench b;
   b.supervisor = Supervisor({.can_halt = true, .after_halt = AfterHalt::hold});

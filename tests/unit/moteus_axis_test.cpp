@@ -101,7 +101,7 @@ TEST(MoteusAxis, TakesRepliesOfItsNodeToUs) {
 
 TEST(MoteusAxis, FramesToItAreForeign) {
   MoteusAxis a = axis();
-  for (const std::uint32_t id : {0x8003U, 0x0003U, 0x0103U, 0x8503U, 0x7F03U})
+  for (const std::uint32_t id : {0x8003U, 0x0003U, 0x0103U, 0x8503U, 0x7F03U, 0x007FU, 0x807FU, 0x417FU})
     EXPECT_EQ(a.receive(esmc::test::fd_frame(id, "1100")), Received::foreign_command) << id;
   EXPECT_EQ(a.receive(esmc::hal::data_frame(0x703, 8)), Received::foreign_command) << "classic ones too";
   EXPECT_FALSE(a.alive());

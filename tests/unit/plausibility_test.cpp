@@ -80,6 +80,21 @@ TEST(ZeroPose, ADriveThatWasAwayHasLostIt) {
   EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::zero_not_confirmed);
 }
 
+/// A confirmation that cannot be had must not leave the zero of before in force: the mechanism stands
+/// elsewhere.
+TEST(ZeroPose, WithoutSamplesItIsNotConfirmedAndTheOneBeforeNoLongerCounts) {
+  Rig rig(relative());
+  rig.tick();
+  rig.tick(Command::confirm_zero);
+  rig.sends_encoder[1] = false;
+  for (int i = 0; i < 10; ++i) rig.tick();
+  rig.tick(Command::confirm_zero);
+  rig.sends_encoder[1] = true;
+  rig.tick();
+  rig.tick(Command::enable);
+  EXPECT_EQ(rig.cycle.supervisor().fault(), Fault::zero_not_confirmed);
+}
+
 // ---- reported torque
 
 using Echo = esmc::TorqueFeedbackCheck<Five>;
