@@ -71,7 +71,9 @@ class Search {
 
   /// Passes of one step per tick, of rising order.
   bool agree_at_tick() {
-    const bool many = asked_ < 1e-7, events = may_have_events(scene_.effects);
+    // Explicit methods of a step per tick are not stable where a lag is that much shorter than the tick.
+    if (ticks_of_lag() > 2.5) return false;
+    const bool many = asked_ <= 1e-7, events = may_have_events(scene_.effects);
     if (!scene_.closed_loop()) return agree_with_judge(many, events);
     // Every second one is recorded, better than the rough one before, worse than that after it. Heun's method
     // at once where events are located.
@@ -85,6 +87,11 @@ class Search {
       recorded = !recorded || again;
     }
     return false;
+  }
+  /// The tick over the drives' lag of torque; 0: none.
+  [[nodiscard]] double ticks_of_lag() const {
+    const auto lag = find_effect<TorqueLag>(scene_.effects);
+    return lag && lag->time_constant > 0.0 ? scene_.tick() / lag->time_constant : 0.0;
   }
   /// Open loop: the judge needs no ticks. It has error control or, where a rotor on a spring would make that
   /// take short steps, dopri8 over four ticks (with events dopri5 over two). Each recorded pass is compared
@@ -100,6 +107,7 @@ class Search {
                false, 1.0);
     judge_ = std::exchange(last_, std::nullopt);
     judge_margin_ = events ? margin : better;
+    judge_controls_ = !strides;
     // A chain that closes has poses that magnify errors; where a spring makes the judge expensive, an arm is
     // not worth the look.
     const bool looks =
@@ -109,7 +117,7 @@ class Search {
       // A judge in strides is worse than the pass: of the same method the error is 31 times as large at most.
       if (strides && order > rk4) judge_margin_ = events ? 1.0 : (order == dopri8 ? 0.25 : better);
       if (at_tick(order, true, 1.0)) return true;
-      if (agreed_ && at_tick(heun3, false, better)) return true;  // a third pass
+      if (agreed_ && !contradicted_ && at_tick(heun3, false, better)) return true;  // a third pass
       if (order < dopri5 || !last_ || std::exchange(finer, true)) continue;
       // A better judge of this pass is cheaper than a recorded one of dopri8.
       judge_.reset();
@@ -190,16 +198,22 @@ class Search {
     bool met = false;
     if (last_ || judge_) {
       before_ = judged();
+      contradicted_ = false;
       deviation_ = last_ ? deviation(last_->rows, now.rows, width_) : Deviation{};
       deviation_ = {last_share_ * deviation_.end, last_share_ * deviation_.all};
       if (judge_) {
         const Deviation d = deviation(judge_->rows, now.rows, width_);
-        if (judge_margin_ * d.end < deviation_.end)
-          deviation_ = {judge_margin_ * d.end, judge_margin_ * d.all};
+        const double off = judge_margin_ * d.end;
+        contradicted_ = judge_controls_ && off > asked_ && deviation_.end <= asked_;
+        if (off < deviation_.end) deviation_ = {off, judge_margin_ * d.all};
       }
       const bool close = less * judged() <= asked_;
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
-      met = close && (trajectory() || deviation_.all <= 100.0 * asked_ || agreed_);
+      // Two passes that agree with each other and not with error control may share a step that is too long:
+      // then a third pass must agree, too.
+      const double spread = judge_ && !judge_controls_ && judged() > 0.6 * asked_ ? 1.0 : 100.0;
+      met = close && (!contradicted_ || agreed_) &&
+            (trajectory() || deviation_.all <= spread * asked_ || agreed_);
       agreed_ = close;
     }
     // Euler's error is at least three times that of the midpoint rule after it.
@@ -272,6 +286,7 @@ class Search {
   Effort effort_;                // of that one
   Deviation deviation_;
   double before_ = inf, judge_margin_ = margin;
+  bool judge_controls_ = false, contradicted_ = false;  // it has error control, and finds the pass far off
   double last_share_ = 1.0;  // of the difference from last_: what the better one of the two is off by
   long evaluations_ = 0;
   int passes_ = 0;
