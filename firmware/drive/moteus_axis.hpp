@@ -49,7 +49,7 @@ class MoteusAxis {
     if (node < 8) {
       list.add({node << 8U, 0x7FF, false});
     } else {
-      list.add({node << 8U, 0x1FFF'FFFF, true});
+      list.add({0, 0x1FFF'00FF, true});  // one for all drives: more would not fit
     }
     list.add({moteus::to_all, 0xFF, false});
     list.add({moteus::to_all, 0x1FFF'00FF, true});

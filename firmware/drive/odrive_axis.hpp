@@ -205,14 +205,10 @@ class OdriveAxis {
   // Not inlined: a frame of another axis costs a few comparisons and no call.
   [[gnu::noinline]] Received to_this(const hal::CanFrame& f) {
     const auto message = static_cast<odrive::Message>(f.id & 0x1FU);
-    if (message == odrive::Message::encoder_estimates) {
-      const auto estimates = odrive::decode_encoder_estimates(f);
-      return estimates ? take(*estimates) : no_report(f);
-    }
+    if (message == odrive::Message::encoder_estimates) return take(odrive::decode_encoder_estimates(f));
     Received r = Received::accepted;
     if (message == odrive::Message::heartbeat) {
-      const auto heartbeat = odrive::decode_heartbeat(f, version_);
-      r = heartbeat ? take(*heartbeat) : no_report(f);
+      r = take(odrive::decode_heartbeat(f, version_));
     } else if (message == odrive::Message::estop) {
       stopped_ = stopped_now_ = true;
     } else {
@@ -220,12 +216,6 @@ class OdriveAxis {
     }
     if (r == Received::accepted) sampled_ = false;
     return r;
-  }
-  /// A heartbeat or encoder message that cannot be decoded; as a remote frame it is the request of another
-  /// node.
-  [[nodiscard]] Received no_report(const hal::CanFrame& f) const {
-    if (!f.remote) return Received::malformed;
-    return commands(f) ? Received::foreign_command : Received::not_mine;
   }
   [[gnu::noinline]] Received to_all(const hal::CanFrame& f) {
     if (static_cast<odrive::Message>(f.id & 0x1FU) != odrive::Message::estop) {
@@ -360,8 +350,9 @@ class OdriveAxis {
     step_ = Step::configure;
   }
 
-  Received take(const odrive::Heartbeat& h) {
-    last_ = h;
+  Received take(const std::optional<odrive::Heartbeat>& h) {
+    if (!h) return Received::malformed;
+    last_ = *h;
     alive_ = true;
     beat_since_mode_ = true;
     answered_ = true;
@@ -387,11 +378,12 @@ class OdriveAxis {
     }
     return Received::accepted;
   }
-  Received take(const odrive::EncoderEstimates& e) {
+  Received take(const std::optional<odrive::EncoderEstimates>& e) {
+    if (!e) return Received::malformed;
     alive_ = reported_ = true;
-    sampled_ = version_ != Version::v0_5_6 || encoder_connected(e);
+    sampled_ = version_ != Version::v0_5_6 || encoder_connected(*e);
     if (!sampled_) return Received::accepted;
-    estimates_ = e;
+    estimates_ = *e;
     sample_age_ticks_ = 0;
     return Received::accepted;
   }
@@ -442,13 +434,13 @@ class OdriveAxis {
   bool answered_ = false;             // a heartbeat since the last request
   bool release_pending_ = false;      // asked into closed loop, not seen idle since
   bool stopped_ = false;              // emergency stop, not acknowledged
-  bool stopped_now_ = false;          // on the bus, in this tick
   bool acknowledged_ = false;         // its report may be cleared
   bool known_ = true, fresh_ = true;  // see know_errors()
   std::uint8_t postponed_ = 0;        // reports that were not fresh
   bool proven_ = false;               // the watchdog has passed its test
   bool watchdog_did_not_trip_ = false;
-  bool counted_ = false;  // a heartbeat of this tick has been counted
+  bool stopped_now_ = false;  // emergency stop on the bus in this tick
+  bool counted_ = false;      // a heartbeat of this tick has been counted
 };
 
 static_assert(Drive<OdriveAxis>);

@@ -63,14 +63,7 @@ constexpr ProtocolTraits odrive_traits{
           return all[choice % std::size(all)];
         },
     .torque_step = [](const Scene&, std::size_t) { return 0.0; },
-    .remote_is_nothing = true,
 };
-/// Firmware 0.5 obeys remote frames: they are commands.
-constexpr ProtocolTraits odrive_0_5_traits = [] {
-  ProtocolTraits t = odrive_traits;
-  t.remote_is_nothing = false;
-  return t;
-}();
 
 // ---- CiA 402 ----
 
@@ -229,8 +222,7 @@ constexpr ProtocolTraits moteus_traits{
 const ProtocolTraits& protocol_traits(Protocol p) {
   if (p == Protocol::cia402) return cia402_traits;
   if (p == Protocol::moteus) return moteus_traits;
-  if (p == Protocol::mit) return mit_traits;
-  return p == Protocol::odrive_0_5 ? odrive_0_5_traits : odrive_traits;
+  return p == Protocol::mit ? mit_traits : odrive_traits;
 }
 
 }  // namespace esmc::host

@@ -192,16 +192,17 @@ void judge_limits(const Scene& s, const Margins& m, bool start, Findings& f) {
 
 /// Ranges of position and speed in the frames of MIT drives, and of position in CiA 402: beyond them a drive
 /// that does not clamp wraps around, and the controller takes its joint to be elsewhere.
-void judge_ranges(const Scene& s, const Margins& m, Findings& f) {
+void judge_ranges(const Scene& s, const Margins& start, const Margins& m, Findings& f) {
   const DriveScene& d = s.drives;
   const bool mit = d.protocol == Protocol::mit && d.dialect != drive::mit::Dialect::cubemars_v3;
   if (!mit && d.protocol != Protocol::cia402) return;
   for (std::size_t k = 0; k < 2; ++k) {
-    const std::size_t motor = k * d.gear_ratio.size() / 2;
+    const std::size_t motor = k * static_cast<std::size_t>(s.motors()) / 2;
     const double gear = d.gear_ratio[motor];
     const double range =
         mit ? d.position_range[motor] : 2147483648.0 / d.counts_per_turn * 2.0 * std::numbers::pi;
-    const Extent& angle = m.angle[k];
+    Extent angle = m.angle[k];
+    angle.widen(start.angle[k].low);
     // A zero that is confirmed may be anywhere in the range.
     const double most = d.zero == Zero::absolute
                             ? std::max(angle.high - d.offset[motor], d.offset[motor] - angle.low)
@@ -255,7 +256,7 @@ void judge_motion(const Scene& s, const Margins& start, const Margins& m, std::o
   if (!m.unreachable.empty()) f.error(Code::unreachable, "reference", "{}", m.unreachable);
   if (!m.unreachable.empty() || !s.closed_loop()) return;
   judge_limits(s, m, false, f);
-  judge_ranges(s, m, f);
+  judge_ranges(s, start, m, f);
   judge_preload(s, m, f);
   const Level level = shortage(m, saturated);
   if (m.together)

@@ -172,19 +172,21 @@ std::optional<Moment> on_reference(const Scene& scene, const Margins& m, std::ui
   return from;
 }
 
-/// The scene at a lower rate, from its start; if a load begins after that, half of the ticks from just before
-/// it on.
-void run_slowed(const Scene& slow, const Margins& m, std::vector<ProbePart>& out) {
+constexpr std::uint32_t load_ticks = 30;  ///< at the lower rate, from just before a late load
+
+/// The scene at a lower rate, from its start and, if a load begins after that, from just before it.
+void run_slowed(const Scene& slow, std::optional<double> load, const Margins& m,
+                std::vector<ProbePart>& out) {
   constexpr std::uint32_t before = 10;
-  const auto load = next_load(slow, slow_ticks * slow.tick());
-  const std::uint32_t each = load ? slow_ticks / 2 : slow_ticks;
   Scene first = slow;
-  first.duration = each * slow.tick();
+  first.duration = slow_ticks * slow.tick();
   out.push_back(run_part(first, 0, ProbePart::Kind::slow));
   if (!load) return;
   const auto at = static_cast<std::uint32_t>(*load * slow.rate_hz) - before;
-  if (const auto from = on_reference(slow, m, at, 0.0))
-    out.push_back(run_part(part_of(slow, *from, each), at, ProbePart::Kind::slow));
+  if (const auto from = on_reference(slow, m, at, 0.0)) {
+    const std::uint32_t ticks = std::min(load_ticks, tick_count(slow) - at);
+    out.push_back(run_part(part_of(slow, *from, ticks), at, ProbePart::Kind::slow));
+  }
 }
 
 }  // namespace
@@ -194,8 +196,10 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
   const std::uint32_t last = m.ticks, join = make_reference(scene, Pacing::lockstep).join_ticks;
   const bool all = last <= join + probe_ticks;
   const auto longer = m.off_reference ? std::nullopt : slowing(scene);
+  const auto load = longer ? next_load(scene, slow_ticks * *longer * scene.tick()) : std::nullopt;
   constexpr std::uint32_t start = 20, places = 3;
-  const std::uint32_t rest = probe_ticks - start - (m.off_reference || longer ? slow_ticks : 0),
+  const std::uint32_t rest = probe_ticks - start - (m.off_reference || longer ? slow_ticks : 0) -
+                             (load ? load_ticks : 0),
                       each = rest / places;
   Scene first = scene;
   first.whole = std::make_shared<const Scene>(scene);
@@ -206,7 +210,7 @@ std::vector<ProbePart> probe_scene(const Scene& scene, const Margins& m) {
                    scene.tick();
   std::vector<ProbePart> out{run_part(first, 0, all ? typical : begin)};
   if (all) return out;
-  if (longer) run_slowed(slowed(scene, *longer), m, out);
+  if (longer) run_slowed(slowed(scene, *longer), load, m, out);
   // From a push a good loop recovers, with the torque that the reference leaves.
   const double push = 1.0 - 0.1 * std::clamp(2.0 * (1.0 - m.share), 0.0, 1.0);
   for (std::uint32_t i = 0; i < places; ++i) {
@@ -309,16 +313,11 @@ double change_of_run(const std::vector<const ProbePart*>& parts, std::uint32_t t
 }  // namespace
 
 std::optional<double> saturated_ticks(const Scene& scene, const std::vector<ProbePart>& parts) {
+  const auto slow = std::ranges::find(parts, ProbePart::Kind::slow, &ProbePart::kind);
   constexpr double smooth = 0.2;
-  double sum = 0.0, slow = 0.0, s = 0.0;
-  for (const ProbePart& p : parts) {
-    if (p.kind != ProbePart::Kind::slow) continue;
-    if (!counts(p, smooth) || !p.fault.empty()) return std::nullopt;
-    sum += p.saturated;
-    ++slow;
-    s += p.ticks / p.rate_hz;
-  }
-  return slow > 0.0 && s > 0.9 * scene.duration ? std::optional(sum / slow) : std::nullopt;
+  const bool whole = slow != parts.end() && slow->ticks / slow->rate_hz > 0.9 * scene.duration;
+  return whole && slow->fault.empty() && counts(*slow, smooth) ? std::optional(slow->saturated)
+                                                               : std::nullopt;
 }
 
 void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePart>& parts, Findings& f) {

@@ -20,7 +20,7 @@ inline constexpr std::uint32_t slow_ticks = 80;    ///< of them, of the scene at
 struct ProbePart {
   enum class Kind {
     begin,    ///< the start of the scene
-    slow,     ///< at a lower rate, from the start or from just before a load
+    slow,     ///< at a lower rate, from the start, and from just before a late load
     typical,  ///< from a state on the reference; the mean of these parts is that of the run
   };
   double t = 0.0;  ///< s, where it begins

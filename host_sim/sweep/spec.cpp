@@ -265,6 +265,20 @@ std::string text_of(const SweepValue& v) {
   return std::visit([](const auto& x) { return fmt::format("{}", x); }, v);
 }
 
+/// `text` for the folder of its results, whose scene.toml has what is set.
+static std::string text_of_run(const std::string& text, const toml::node& scene, const toml::node* sets) {
+  std::string out, line;
+  std::istringstream lines(text);
+  const auto within = [](const toml::node& node, toml::source_index n) {
+    return n >= node.source().begin.line && n <= node.source().end.line;
+  };
+  for (toml::source_index n = 1; std::getline(lines, line); ++n) {
+    if (n == scene.source().begin.line) out += "scene = \"scene.toml\"\n";
+    if (!within(scene, n) && !(sets != nullptr && within(*sets, n))) out += line + "\n";
+  }
+  return out;
+}
+
 SweepSpec read_sweep(const std::string& file) {
   SweepSpec spec;
   spec.file = file;
@@ -274,13 +288,7 @@ SweepSpec read_sweep(const std::string& file) {
   const auto scene = root.text("scene");
   if (!scene) root.wrong("scene", "the scene file, relative to this one");
   spec.scene = (std::filesystem::path(file).parent_path() / *scene).string();
-  const toml::source_region at = root.get("scene")->source();
-  std::istringstream lines(spec.text);
-  std::string line;
-  for (toml::source_index n = 1; std::getline(lines, line); ++n) {
-    if (n == at.begin.line) line = "scene = \"scene.toml\"";
-    if (n <= at.begin.line || n > at.end.line) spec.text_of_run += line + "\n";
-  }
+  spec.text_of_run = text_of_run(spec.text, *root.get("scene"), root.get("set"));
   if (const toml::node* sets = root.get("set")) {
     spec.sets = root.texts("set", sets->as_array(),
                            "an array of \"section.key=value\", as --set of esmc sim takes them");

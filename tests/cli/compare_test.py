@@ -56,6 +56,12 @@ class Compare(unittest.TestCase):
             self.assertEqual(esmc("sim", CIRCLE, "--out", self.tmp / name, *sets("simulation.duration=0.1", 'reference={type="file", path="' + str(self.tmp / "path.csv") + '", join=0.3}')).returncode, 0)
         self.assertEqual([d["key"] for d in self.compare("left", "right", code=1)["scene"]], ["reference.path"])
 
+    def test_logs_of_other_ticks_are_not_compared(self):
+        self.assertEqual(esmc("sim", FRICTION, "--out", self.tmp / "thinned", "--log-every", "3", *sets("simulation.duration=0.5")).returncode, 0)
+        run = esmc("compare", self.tmp / "a", self.tmp / "thinned")
+        self.assertEqual(run.returncode, 2)
+        self.assertIn("--log-every", run.stderr)
+
     def test_rows_and_columns_that_one_has_not(self):
         j = self.compare("a", "short", "--tolerance", "1e9", code=1)
         self.assertEqual((j["log"]["rows_a"], j["log"]["rows_b"]), (len(self.rows("a")), len(self.rows("short"))))

@@ -174,6 +174,14 @@ to = 1.5
     check(r.returncode != 0 and r.stderr.count("bad.toml:1") == 1, f"under mpirun: {r.stderr}")
 
 
+def quantiles(folder):
+    """Of two cases the median lies between them."""
+    spec = folder / "two.toml"
+    spec.write_text(f'scene = "{SCENE}"\nset = ["simulation.duration=0.1"]\n[sample]\nmethod = "grid"\n[[vary]]\nkey = "control.lambda"\nvalues = [10, 60]\n', encoding="utf-8")
+    for one in json.loads(sweep(spec, "--json").stdout)["objectives"].values():
+        check(one is None or abs(one["median"] - (one["min"] + one["max"]) / 2) <= 1e-12 * abs(one["max"]), f"median: {one}")
+
+
 def what_the_table_says(folder):
     """A case of the table is what esmc sim says of that scene, and the design is what was asked for."""
     out = folder / "table"
@@ -353,7 +361,7 @@ def stated_accuracy(folder):
     check(j["outcomes"].get("inaccurate", 0) > 0, f"outcomes {j['outcomes']}")
 
 
-PARTS = (bad_specifications, threads_and_processes, what_the_table_says, impossible_cases, stated_accuracy, what_is_not_its_own, places_that_cannot_be_written,
+PARTS = (bad_specifications, threads_and_processes, quantiles, what_the_table_says, impossible_cases, stated_accuracy, what_is_not_its_own, places_that_cannot_be_written,
          kill_and_go_on, varied_files_belong_to_it)
 
 with tempfile.TemporaryDirectory() as scratch:

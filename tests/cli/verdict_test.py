@@ -66,6 +66,7 @@ class Verdicts(Case):
         self.judged([*mit, "drives.gear_ratio=20"], "error", "limit_crossed", where="drives.position_range", scene=ARM)
         self.judged(wide, "error", "limit_crossed", where="drives.velocity_range")
         self.judged([*wide, "drives.velocity_range=100"], "warning", "limit_crossed", where="drives.velocity_range")  # below limits.joint_speed
+        self.judged([*wide[:-1], "drives.gear_ratio=9", "control.sensors=all"], "error", "limit_crossed", where="drives.velocity_range")
         self.judged([*coarse, "drives.counts_per_turn=500000000"], "error", "limit_crossed", where="drives.counts_per_turn", scene=ARM)
         for good, scene in (([*wide, "drives.velocity_range=500"], CIRCLE), ([*coarse, "drives.counts_per_turn=1000000"], ARM)):
             self.assertNotIn("limit_crossed", [f["code"] for f in self.check(scene, *good)["findings"]], good)
@@ -79,9 +80,12 @@ class Verdicts(Case):
         self.judged(values, "warning", "torque_exceeded", scene=ARM)
 
     def test_a_load_that_begins_late(self):
-        late = ["simulation.duration=6", "control.law=pd", "control.kp=3", "control.kd=0.3", 'effects=[{type="payload", mass=1.5, from=4.0}]']
-        parts = self.check(CIRCLE, *late)["simulated"]
-        self.assertTrue(any(p["rate_hz"] < 1000 and 3.0 < p["t"] < 4.0 for p in parts), parts)
+        """The arm falls through a singularity under a load that comes after 4 s, not when the scene ends before it does."""
+        late = ["control.torque_limit=1", 'effects=[{type="payload", mass=1, from=4.0}]']
+        for duration, falls in ((6, True), (4.03, False)):
+            values = [*late, f"simulation.duration={duration}"]
+            self.assertEqual(esmc("sim", CIRCLE, *sets(*values)).returncode != 0, falls)
+            self.assertEqual("limit_crossed" in [f["code"] for f in self.check(CIRCLE, *values)["findings"]], falls)
 
     def test_torques_are_those_of_an_undisturbed_run(self):
         """A law that knows everything but the effect gives the torque of check.csv once it has settled."""

@@ -73,10 +73,20 @@ TEST(IdFilters, MoteusHearsEverySourceAndItsReplies) {
       for (std::uint32_t source = 0; source < 8; ++source) standard.insert(source << 8U | to);
       for (std::uint32_t source = 0; source < 0x100; ++source) extended.insert(source << 8U | to);
     }
-    (node < 8 ? standard : extended).insert(node * 0x100U);
+    if (node < 8) standard.insert(node * 0x100U);
+    for (std::uint32_t source = 0; node >= 8 && source < 0x100; ++source) extended.insert(source << 8U);
     const drive::MoteusAxis axis({.node = node}, {});
     EXPECT_EQ(heard(axis, 0, 0x800, false), standard);
     EXPECT_EQ(heard(axis, 0, 0x20000, true), extended);
+  }
+}
+
+TEST(IdFilters, FourMoteusFitWhateverTheirNodesAre) {
+  for (const std::uint8_t first : std::array<std::uint8_t, 4>{1, 6, 8, 100}) {
+    hal::IdFilters filters;
+    for (std::uint8_t i = 0; i < 4; ++i)
+      drive::MoteusAxis({.node = static_cast<std::uint8_t>(first + i)}, {}).add_filters(filters);
+    EXPECT_FALSE(filters.list().empty()) << int{first};
   }
 }
 

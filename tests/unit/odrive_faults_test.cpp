@@ -277,12 +277,12 @@ TEST(OdriveAxis, AnyFrameThatFeedsThe056WatchdogIsForeign) {
       poll.remote = remote;
       poll.size = remote ? 8 : 0;
       const Received r = old.receive(poll);
-      const bool ours = !remote && (command == 0x01 || command == 0x09);  // which have a length
+      const bool ours = command == 0x01 || command == 0x09;  // which have a length
       EXPECT_EQ(r, command == 0x02 ? Received::accepted
                    : ours          ? Received::malformed
                                    : Received::foreign_command)
           << command;
-      const bool asks = remote && command != 0x02;
+      const bool asks = remote && command != 0x01 && command != 0x02 && command != 0x09;
       EXPECT_TRUE(!asks || now.receive(poll) == Received::not_mine)
           << command << ": 0.6 feeds it with set points only";
     }
