@@ -211,7 +211,8 @@ class Search {
       // At the end alone two passes may meet by chance: then the way there, or a third pass, must agree.
       // Two passes that agree with each other and not with error control may share a step that is too long:
       // then a third pass must agree, too.
-      const double spread = judge_ && !judge_controls_ && judged() > 0.6 * asked_ ? 1.0 : 100.0;
+      const bool rough = judge_ && !judge_controls_ && may_have_events(scene_.effects);
+      const double spread = rough && judged() > 0.6 * asked_ ? 1.0 : 100.0;
       met = close && (!contradicted_ || agreed_) &&
             (trajectory() || deviation_.all <= spread * asked_ || agreed_);
       agreed_ = close;
