@@ -20,7 +20,7 @@ struct BitTimingLimits {
 /// The finest quanta, at least 8, that give exactly `bit_rate` (bit/s) from `clock` (Hz); none: not exact().
 /// Sample point 1/`share` of the bit before its end or just after, two quanta or more; largest jump width.
 [[nodiscard]] constexpr BitTiming bit_timing(std::uint32_t clock, std::uint32_t bit_rate,
-                                             const BitTimingLimits& most, std::uint32_t share = 5) {
+                                             const BitTimingLimits& most, std::uint32_t share) {
   if (bit_rate == 0 || clock % bit_rate != 0) return {};
   const std::uint32_t periods = clock / bit_rate;
   for (std::uint32_t prescaler = 1; prescaler <= most.prescaler; ++prescaler) {

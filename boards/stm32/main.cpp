@@ -59,10 +59,9 @@ extern "C" [[noreturn]] void esmc_main() {
   static_assert(baked::armed_by_link,
                 "a board is armed by a supervisor computer: command.arm = \"link\" in the scene");
   constexpr auto can_clock = stm32::Chip::can_clock_hz(baked::data_bitrate != 0);
-  static_assert(hal::bit_timing(can_clock, baked::bitrate, hal::fdcan::nominal_limits).exact(),
+  static_assert(hal::fdcan::nominal_timing(can_clock, baked::bitrate, baked::data_bitrate != 0).exact(),
                 "the CAN controller of this board has no such bus.bitrate");
-  static_assert(baked::data_bitrate == 0 ||
-                    hal::bit_timing(can_clock, baked::data_bitrate, hal::fdcan::data_limits).exact(),
+  static_assert(baked::data_bitrate == 0 || hal::fdcan::data_timing(can_clock, baked::data_bitrate).exact(),
                 "the CAN controller of this board has no such bus.data_bitrate");
   static_assert(baked::period_ns <= 100'000'000, "the watchdog of a board waits for half a second at most");
   static stm32::NucleoBoard board;

@@ -50,9 +50,10 @@ enum : std::uint16_t {
 inline constexpr std::uint32_t map_version_known = 5;
 inline constexpr std::uint32_t no_register = 0xFFFF'FFFF;
 
-/// Values of register mode. Stopped clears faults and is the only way out of a time-out.
 /// Destination of a frame that every moteus obeys (mjbots mjlib, multiplex/format.h).
 inline constexpr std::uint32_t to_all = 0x7F;
+
+/// Values of register mode. Stopped clears faults and is the only way out of a time-out.
 inline constexpr std::uint8_t mode_stopped = 0, mode_fault = 1, mode_position = 10, mode_timeout = 11;
 
 inline constexpr std::uint8_t no_operation = 0x50;

@@ -57,12 +57,8 @@ class Fdcan {
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0,
                           const IdFilters& filters = {}, bool loop_back = false) {
     opened_ = false;
-    // The bit that switches the rate ends after the sender's sample point: all nodes must have the same one.
-    // A moteus samples at 67 % (fdcan.cc of its firmware).
-    const std::uint32_t share = data_rate == 0 ? 5 : 3;
-    const BitTiming slow = bit_timing(clock, bit_rate, fdcan::nominal_limits, share);
-    const BitTiming fast =
-        data_rate == 0 ? BitTiming{} : bit_timing(clock, data_rate, fdcan::data_limits, share);
+    const BitTiming slow = fdcan::nominal_timing(clock, bit_rate, data_rate != 0);
+    const BitTiming fast = data_rate == 0 ? BitTiming{} : fdcan::data_timing(clock, data_rate);
     if (!slow.exact() || (data_rate != 0 && !fast.exact())) return false;
     using namespace fdcan;
     a_.write(cccr, a_.read(cccr) & ~cccr_bit::csr);

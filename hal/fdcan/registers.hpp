@@ -19,6 +19,16 @@ inline constexpr Word dbtp = 0x0C, test = 0x10, cccr = 0x18, nbtp = 0x1C, tscc =
 /// Largest values of NBTP (nominal bit rate) and DBTP (data bit rate).
 inline constexpr BitTimingLimits nominal_limits{512, 256, 128, 128}, data_limits{32, 32, 16, 16};
 
+/// Timing of arbitration, and with CAN FD of data. There the bit that switches the rate ends soon after the
+/// sender's sample point, which must be the receiver's, too: a moteus samples at 67 % (fdcan.cc of its
+/// firmware).
+[[nodiscard]] constexpr BitTiming nominal_timing(std::uint32_t clock, std::uint32_t bit_rate, bool fd) {
+  return bit_timing(clock, bit_rate, nominal_limits, fd ? 3 : 5);
+}
+[[nodiscard]] constexpr BitTiming data_timing(std::uint32_t clock, std::uint32_t bit_rate) {
+  return bit_timing(clock, bit_rate, data_limits, 3);
+}
+
 namespace cccr_bit {
 inline constexpr Word init = 1U << 0, cce = 1U << 1, restricted = 1U << 2, csr = 1U << 4, mon = 1U << 5,
                       test = 1U << 7, fdoe = 1U << 8, brse = 1U << 9;

@@ -37,7 +37,7 @@ class ZynqmpCan {
     using namespace zynqmp_can;
     opened_ = sending_ = false;
     waiting_.clear();
-    const BitTiming timing = bit_timing(clock, bit_rate, limits);
+    const BitTiming timing = bit_timing(clock, bit_rate, limits, 5);
     if (!timing.exact()) return false;
     a_.write(srr, srr_bit::srst);
     if (!await(sr_bit::config, sr_bit::config)) return false;

@@ -40,7 +40,7 @@ Level shortage(const Margins& m, std::optional<double> saturated) {
   return (saturated ? *saturated > 0.5 : m.short_ticks > 0.2 * m.ticks) ? Level::error : Level::warning;
 }
 
-void judge_each(const Scene& s, const Margins& m, Level shortage, Findings& f) {
+void judge_each(const Scene& s, const Margins& m, Level level, Findings& f) {
   for (std::size_t i = 0; i < m.torque.size(); ++i) {
     const double share = m.torque[i] / m.torque_limit[i];
     std::string text = fmt::format("motor {}: the reference alone takes {:.3g} N m of torque_limit = {} N m",
@@ -48,7 +48,7 @@ void judge_each(const Scene& s, const Margins& m, Level shortage, Findings& f) {
     if (m.torque_limit[i] != s.torque_limit[i])
       text += fmt::format(", at which it gives {:.3g} N m (control.model)", m.torque_limit[i]);
     if (!(share <= 1.0)) {
-      f.add(shortage, Code::torque_exceeded, torque_key, "{}", text);
+      f.add(level, Code::torque_exceeded, torque_key, "{}", text);
     } else if (share > much) {
       f.warning(Code::torque_margin, torque_key, "{}; little is left to correct errors with", text);
     }
@@ -56,7 +56,7 @@ void judge_each(const Scene& s, const Margins& m, Level shortage, Findings& f) {
 }
 
 /// Four motors share the load: only their sum can be too small.
-void judge_together(const Margins& m, Level shortage, Findings& f) {
+void judge_together(const Margins& m, Level level, Findings& f) {
   if (!(m.share <= 1.0)) {
     std::vector<std::size_t> held;
     for (std::size_t i = 0; i < m.share_torque.size(); ++i) {
@@ -65,7 +65,7 @@ void judge_together(const Margins& m, Level shortage, Findings& f) {
     std::string names = fmt::format("{}", fmt::join(held, ", "));
     if (const std::size_t last = names.rfind(", "); last != std::string::npos)
       names.replace(last, 2, " and ");
-    f.add(shortage, Code::torque_exceeded, torque_key,
+    f.add(level, Code::torque_exceeded, torque_key,
           "motor{} {}: at their torque_limit the four motors together give {:.3g} % of what the reference "
           "alone takes (t = {:.3f} s)",
           held.size() == 1 ? "" : "s", names, 100.0 / m.share, m.share_t);
@@ -80,10 +80,10 @@ void judge_together(const Margins& m, Level shortage, Findings& f) {
 
 /// Torque that saturation or heating of a drive cuts off, and jumps of the reference: of position an error,
 /// of speed a warning. `m`: along the reference.
-void judge_drives(const Scene& s, const Margins& m, Level shortage, Findings& f) {
+void judge_drives(const Scene& s, const Margins& m, Level level, Findings& f) {
   for (std::size_t i = 0; i < m.drive_short.size(); ++i) {
     if (m.drive_short[i] == 0.0) continue;
-    f.add(shortage, Code::torque_exceeded, "effects",
+    f.add(level, Code::torque_exceeded, "effects",
           "motor {}: the reference alone takes {:.3g} N m, and its drive gives less ({}); the motors are "
           "short in {:.2g} % of "
           "the ticks",

@@ -283,8 +283,9 @@ std::string text(const Json& j) {
 int run_compare(const CompareOptions& o) {
   const Run a(o.a), b(o.b);
   if (a.every() != b.every()) {
-    refuse("{} and {}: their logs have every {}. and every {}. tick: run them with one --log-every", o.a, o.b,
-           a.every(), b.every());
+    refuse(
+        "{} and {}: their logs are of --log-every {} and {}, and only logs of the same ticks can be compared",
+        o.a, o.b, a.every(), b.every());
   }
   OutputDirectory out(o.out);
   for (const std::string& run : {o.a, o.b}) out.spare(run + "/scene.toml");

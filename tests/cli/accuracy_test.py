@@ -10,6 +10,80 @@ FRICTION = '{type="coulomb_friction",torque=[0.5,0.2]}'
 SMOOTH = FRICTION.replace("}", ",regularised=1e-3}")
 
 
+# Scenes that a reader drew, whose runs were accepted outside what was asked: two passes agreed with each other and not with error
+# control; a judge in strides was near what was asked; a lag was shorter than a tick's step is stable for, while the joints stuck.
+DRAWN = (
+    (1e-4, """effects = [{ type = "coulomb_friction", torque = [0.0288299, 0.00593032], regularised = 0.0111489, asymmetry = [0.0143755, -0.00187248] }]
+[mechanism]
+type = "five_bar"
+assembly_mode = "-"
+gravity = 5.44229
+working_mode = ["+", "+"]
+half_base = 0.0447982
+effector_mass = 0
+legs = [
+    { l1 = 0.122392, l2 = 0.194529, lg1 = 0.0216156, lg2 = 0.041602, m1 = 0.0545139, m2 = 0.149087, J1 = 0.000586876, J2 = 0.000594668 },
+    { l1 = 0.107799, l2 = 0.191661, lg1 = -0.00448858, lg2 = -0.0102891, m1 = 0.18665, m2 = 0.0901886, J1 = 0.000113632, J2 = 0.000799511 }]
+[control]
+law = "open_loop"
+torque = [{ offset = 0.0377611, terms = [{ amp = 0.0584252, omega = 27.2219, phase = 1.09189 }] }, { offset = 0.0893418, terms = [{ amp = 0.0856401, omega = 29.7387, phase = 1.02764 }] }, { offset = -0.0255351, terms = [{ amp = 0.0860638, omega = 28.9744, phase = 2.42818 }] }, { offset = 0.0353661, terms = [{ amp = 0.0713817, omega = 7.12262, phase = 1.98965 }] }]
+motors = "all"
+[initial]
+joints = [0.926602, 1.13039]
+joint_rates = [-1.64593, 1.20238]
+[simulation]
+duration = 0.25
+"""),
+    (1e-5, """effects = [{ type = "backlash", gap = 0.0148582, stiffness = 195.225, damping = 0.0271037, rotor_inertia = 0.000615968 }, { type = "torque_lag", time_constant = 0.0120562 }, { type = "external_force", kind = "human", anchor = [0.0723374, 0.144691], stiffness = 16.289, damping = 0.611342, from = 0.0653878, to = 0.144229 }, { type = "viscous_friction", coefficient = [0.00282849, 0.000477398, 0.00408284, 0.00814444] }, { type = "torque_ripple", amplitude = 0.0332972, per_turn = 7.0 }]
+[mechanism]
+type = "five_bar"
+assembly_mode = "-"
+gravity = 9.26789
+working_mode = ["+", "+"]
+half_base = 0.0637379
+effector_mass = 0.0214046
+legs = [
+    { l1 = 0.124552, l2 = 0.142544, lg1 = 0.0748269, lg2 = 0.00323888, m1 = 0.0750622, m2 = 0.0963344, J1 = 0.000629663, J2 = 0.000211952 },
+    { l1 = 0.128067, l2 = 0.189934, lg1 = 0.0263551, lg2 = 0.0732799, m1 = 0.132496, m2 = 0.168466, J1 = 0.000262845, J2 = 0.00042281 }]
+[control]
+law = "open_loop"
+torque = [{ offset = -0.0472308, terms = [{ amp = 0.0937524, omega = 13.447, phase = 0.457357 }] }, { offset = 0.0921539, terms = [{ amp = 0.0839449, omega = 4.61667, phase = -1.59625 }] }]
+[initial]
+joints = [0.475599, 1.50242]
+joint_rates = [-1.15713, 0.524763]
+[simulation]
+duration = 0.25
+"""),
+    (1e-7, """effects = [{ type = "torque_lag", time_constant = 0.000247088 }, { type = "bias", angle = [-0.00239712, 0.00119988, -0.000649649, -0.00205547] }, { type = "coulomb_friction", torque = [0.00665065, 0.00461093, 0.0108076, 0.0089761], asymmetry = [0.00165326, -0.000604473, 0.00716096, -0.000306076] }, { type = "torque_saturation", limit = 0.844746 }, { type = "thermal_limit", continuous = 0.23933, time_constant = 0.499383 }, { type = "delay", ticks = 1 }]
+[mechanism]
+type = "five_bar"
+half_base = 0.05
+gravity = 9.8
+effector_mass = 0.0
+working_mode = ["+", "+"]
+legs = [
+    { l1 = 0.114618, l2 = 0.156976, lg1 = 0.0664129, lg2 = 0.0779968, m1 = 0.101513, m2 = 0.146179, J1 = 0.000267883, J2 = 0.000710186 },
+    { l1 = 0.112725, l2 = 0.158544, lg1 = 0.0603662, lg2 = 0.0600416, m1 = 0.052544, m2 = 0.147419, J1 = 0.000128316, J2 = 0.000858052 }]
+[control]
+law = "esmc_projected"
+torque_limit = [1.0911, 0.944233, 1.2863, 1.14063]
+rate_hz = 1000.0
+reaching = "tanh"
+lambda = { position = 20.1945, angle = 27.9921 }
+gain = 24.0246
+layer = 1.05009
+motors = "all"
+sensors = "all"
+[reference]
+type = "hold"
+position = [0.00772844, 0.171456]
+join = 0.147322
+[simulation]
+duration = 0.6
+step = 0.0005
+"""))
+
+
 class Accuracy(Case):
     def run_sim(self, scene, *values, command="sim"):
         return self.document(command, SCENES / scene, *sets(*values))
@@ -34,6 +108,13 @@ class Accuracy(Case):
         fine = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.integrator=rk4", "simulation.step=1e-5")
         run = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.accuracy=1e-6")
         self.assertLess(self.off(run, fine["final_state"]["q"]), 1e-6)
+
+    def test_passes_that_agree_by_chance_are_not_accepted(self):
+        for asked, text in DRAWN:
+            scene = self.tmp / "drawn.toml"
+            scene.write_text(text, encoding="utf-8")
+            fine = self.run_sim(scene, "simulation.integrator=rk4", "simulation.step=1e-5")
+            self.assertLess(self.off(self.run_sim(scene, f"simulation.accuracy={asked}"), fine["final_state"]["q"]), asked)
 
     def test_radau_of_fixed_steps_stays_finite(self):
         fine = self.run_sim("rr_line.toml", *ARM, f"effects=[{SMOOTH}]", "simulation.integrator=rk4", "simulation.step=1e-5")

@@ -266,6 +266,20 @@ TEST(CycleLink, ASetPointOutOfReachIsNotFollowed) {
   EXPECT_EQ(l.rig.cycle.link().counters().refused, refused + 1);
 }
 
+/// The console must not call a zero confirmed that could not be.
+TEST(CycleLink, AZeroWithoutSamplesIsCountedAsRefused) {
+  Linked<FiveBar<double>> l;
+  l.listen();
+  const auto refused = [&] { return l.rig.cycle.link().counters().refused; };
+  const auto before = refused();
+  l.tick({l.desk.order(Desk::confirm_zero)});
+  EXPECT_EQ(refused(), before);
+  l.rig.sends_encoder[1] = false;
+  for (int i = 0; i < 10; ++i) l.tick();
+  l.tick({l.desk.order(Desk::confirm_zero)});
+  EXPECT_EQ(refused(), before + 1);
+}
+
 TEST(CycleLink, HoldEndsTheWayToASetPoint) {
   Linked<FiveBar<double>> l;
   l.arm_for_set_points();

@@ -350,16 +350,30 @@ TYPED_TEST(Fdcan, BusOffIsSaidAndComesBackOnlyWhenAsked) {
   EXPECT_EQ(f->bytes[0], 4);
 }
 
+/// A moteus samples at 57/85 of a bit and 12/17 in the data phase: its bit that switches the rate ends 5/85
+/// us after its sample point, and ours must lie before that.
+TEST(FdcanTiming, WithCanFdSamplesWhereAMoteusDoes) {
+  const auto sample_point = [](const hal::BitTiming& t) {
+    return (1.0 + t.segment1) / (1.0 + t.segment1 + t.segment2);
+  };
+  for (const std::uint32_t clock : {170'000'000U, 85'000'000U, 80'000'000U, 40'000'000U}) {
+    const hal::BitTiming slow = hal::fdcan::nominal_timing(clock, 1'000'000, true);
+    const hal::BitTiming fast = hal::fdcan::data_timing(clock, 5'000'000);
+    ASSERT_TRUE(slow.exact() && fast.exact()) << clock;
+    EXPECT_LT(sample_point(slow), (57.0 + 5.0) / 85.0 - 0.03) << clock;
+    EXPECT_GT(sample_point(slow), 57.0 / 85.0 - 0.03) << clock;
+    EXPECT_NEAR(sample_point(fast), 12.0 / 17.0, 0.1) << clock;
+  }
+}
+
 TYPED_TEST(Fdcan, FdFrames) {
   EXPECT_FALSE(this->bus.open(24'000'000, 1'000'000, 7'000'000));
   EXPECT_TRUE(this->bus.off());
   ASSERT_TRUE(this->bus.open(40'000'000, 1'000'000, 5'000'000));
   EXPECT_EQ(this->model.nominal(40e6).rate, 1e6);
   EXPECT_EQ(this->model.data(40e6).rate, 5e6);
-  // Those of a moteus, 57/85 and 12/17: its bit that switches the rate ends 5/85 us after its sample point.
-  EXPECT_LT(this->model.nominal(40e6).sample_point, (57.0 + 5.0) / 85.0 - 0.03);
-  EXPECT_GT(this->model.nominal(40e6).sample_point, 57.0 / 85.0 - 0.03);
-  EXPECT_NEAR(this->model.data(40e6).sample_point, 12.0 / 17.0, 0.06);
+  EXPECT_NEAR(this->model.nominal(40e6).sample_point, 2.0 / 3.0, 0.02);
+  EXPECT_NEAR(this->model.data(40e6).sample_point, 2.0 / 3.0, 0.1);
   CanFrame f = frame(0x321, {});
   f.fd = f.bit_rate_switch = true;
   f.size = 13;  // on the wire 16
