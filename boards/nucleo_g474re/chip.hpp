@@ -5,7 +5,8 @@
 #include "hal/fdcan/fdcan.hpp"
 #include "hal/flash/bank_slots.hpp"
 
-/// Set by the non-maskable interrupt of an uncorrectable read of bank 2: damaged_flash.cpp.
+/// ECCD while a word of the slots is loaded; else 0: an uncorrectable error is a crash. The non-maskable
+/// interrupt of such an error adds 1: damaged_flash.cpp.
 extern "C" volatile std::uint32_t esmc_flash_damaged;
 
 namespace esmc::stm32 {
@@ -13,19 +14,25 @@ namespace esmc::stm32 {
 inline constexpr Word flash_base = 0x4002'2000U;
 
 /// Reader of flash that may be damaged. Reading a double word or page whose programming or erasure was cut
-/// short gives a non-maskable interrupt (RM0440, 3.3.4), which must not be a crash at every start. It may
-/// come some cycles late; the checksum then refuses the record.
+/// short gives a non-maskable interrupt (RM0440, 3.3.4), which must not be a crash at every start.
 struct DamagedFlash {
+  static constexpr Word eccr = flash_base + 0x18, eccd = 1U << 31, eccc = 1U << 30;
+
   /// Loads the word at `address`. False, `word` untouched: it is damaged.
   [[nodiscard]] static bool load(Word address, Word& word) {
-    esmc_flash_damaged = 0;
+    forget_corrected();
+    esmc_flash_damaged = eccd;
     const Word value = reg(address);
     asm volatile("dsb\n isb" ::: "memory");
-    const bool reported = (reg(flash_base + 0x18) & (1U << 31)) != 0;  // ECCR.ECCD, cleared by the interrupt
-    if (reported || esmc_flash_damaged != 0) return false;
-    word = value;
-    return true;
+    const bool reported = (reg(eccr) & eccd) != 0;  // else cleared by the interrupt
+    const bool damaged = reported || esmc_flash_damaged != eccd;
+    esmc_flash_damaged = 0;
+    if (!damaged) word = value;
+    return !damaged;
   }
+  /// Forgets a corrected error: while it stands, no uncorrectable one is reported (RM0440, 3.7.7). Call
+  /// again and again.
+  static void forget_corrected() { reg(eccr) = eccc; }
 };
 
 /// Addresses, pins, clocks and drivers of this board, for stm32/board.hpp.

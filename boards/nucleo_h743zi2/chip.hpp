@@ -29,6 +29,8 @@ struct DamagedFlash {
     if (damage == 0) word = value;
     return damage == 0;
   }
+  /// An uncorrectable error is a bus fault, whatever was corrected before.
+  static void forget_corrected() {}
 };
 
 /// Addresses, pins, clocks and drivers of this board, for stm32/board.hpp.

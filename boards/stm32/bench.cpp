@@ -27,7 +27,7 @@ extern "C" [[noreturn]] void esmc_main() {
   static Target target;
   auto fault = target.start();
   // Its interrupt stays off: the bench calls the handler.
-  if (fault == stm32::StartFault::none && !target.open(baked::bitrate, baked::data_bitrate, {}, true))
+  if (fault == stm32::StartFault::none && !target.open(baked::bitrate, baked::data_bitrate, {}, true, 60'000))
     fault = stm32::StartFault::can;
   if (fault != stm32::StartFault::none) {
     target.out() << "start: " << name(fault) << "\r\n";

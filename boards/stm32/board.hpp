@@ -30,19 +30,19 @@ class NucleoBoard {
     return StartFault::none;
   }
   /// Joins the bus (bit/s; data_rate 0: classic), after start(), and enables its interrupt, the only one.
-  /// False: not possible.
-  [[nodiscard]] bool join(Word bit_rate, Word data_rate, const hal::IdFilters& filters) {
-    if (!open(bit_rate, data_rate, filters)) return false;
+  /// Frames wait for age_max_us at most. False: not possible.
+  [[nodiscard]] bool join(Word bit_rate, Word data_rate, const hal::IdFilters& filters, Word age_max_us) {
+    if (!open(bit_rate, data_rate, filters, false, age_max_us)) return false;
     interrupting_can = &bus_;
     enable_interrupt(ESMC_CAN_INTERRUPT);
     return true;
   }
   /// The bus without its interrupt: see Fdcan::open.
-  [[nodiscard]] bool open(Word bit_rate, Word data_rate, const hal::IdFilters& filters,
-                          bool loop_back = false) {
+  [[nodiscard]] bool open(Word bit_rate, Word data_rate, const hal::IdFilters& filters, bool loop_back,
+                          Word age_max_us) {
     const bool fd = data_rate != 0;
     Chip::prepare_can(fd);
-    return bus_.open(Chip::can_clock_hz(fd), bit_rate, data_rate, filters, loop_back);
+    return bus_.open(Chip::can_clock_hz(fd), bit_rate, data_rate, filters, loop_back, age_max_us);
   }
 
   [[nodiscard]] Chip::Can& bus() { return bus_; }

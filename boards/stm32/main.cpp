@@ -76,7 +76,9 @@ extern "C" [[noreturn]] void esmc_main() {
 
   starts += 1U + stm32::Chip::random();
   static baked::Node node(baked::config(static_cast<std::uint8_t>(1U + starts % 255U)));
-  if (!board.join(baked::bitrate, baked::data_bitrate, node.filters()))
+  constexpr std::uint32_t period_us = baked::period_ns / 1000U;
+  constexpr std::uint32_t watchdog_us = period_us < 1000U ? 5000U : 5U * period_us;  // no longer stall lasts
+  if (!board.join(baked::bitrate, baked::data_bitrate, node.filters(), watchdog_us))
     start_again(board.console(), stm32::StartFault::can);
   // An operation of the flash takes four seconds at most; one step of it per tick.
   constexpr auto store_ticks_max = static_cast<std::uint32_t>(8'000'000'000ULL / baked::period_ns);
@@ -88,14 +90,15 @@ extern "C" [[noreturn]] void esmc_main() {
   link::StoreState printed = slots.status().state;
   // After a crash it does not arm until a loss of power clears the record.
   const bool crashed = crash_record.sealed();
-  constexpr std::uint32_t period_us = baked::period_ns / 1000U;
-  stm32::Chip::watchdog.start(period_us < 1000U ? 5000U : 5U * period_us);
+  if (!stm32::Chip::watchdog.start(watchdog_us))
+    start_again(board.console(), stm32::StartFault::watchdog);
   TimedLoop loop(node, board, baked::period_ns);
   std::uint32_t printed_us = board.now_us();
   for (;;) {
     if (crashed) node.command(Command::stop);
     if (loop.turn()) {
       link::serve(node.link(), slots);
+      stm32::DamagedFlash::forget_corrected();
     }
     if (slots.status().state != printed) {
       printed = slots.status().state;

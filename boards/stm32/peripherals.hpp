@@ -82,14 +82,16 @@ class IndependentWatchdog {
  public:
   /// `base`: address of its registers.
   explicit constexpr IndependentWatchdog(Word base) : base_(base) {}
-  /// Starts the watchdog. `timeout_us`: 1000 to 500 000, not checked.
-  void start(Word timeout_us) const {
+  /// Starts the watchdog. `timeout_us`: 1000 to 500 000, not checked. False: its oscillator does not run, so
+  /// it would never end a program that hangs.
+  [[nodiscard]] bool start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
     reg(base_) = 0x5555;
     reg(base_ + 4) = 0;                  // PR: 8 kHz
     reg(base_ + 8) = timeout_us / 125U;  // RLR
-    (void)await(base_ + 12, 7, 0);
+    const bool counts = await(base_ + 12, 7, 0);  // SR: taken over, which takes five cycles of that clock
     refresh();
+    return counts;
   }
   void refresh() const { reg(base_) = 0xAAAA; }  ///< restarts the time-out
 
@@ -182,9 +184,10 @@ struct FlashMemory {
 }
 
 /// Reason why start-up failed.
-enum class StartFault : std::uint8_t { none, oscillator, pll, core_voltage, clock_switch, can };
+enum class StartFault : std::uint8_t { none, oscillator, pll, core_voltage, clock_switch, can, watchdog };
 [[nodiscard]] constexpr const char* name(StartFault f) {
-  constexpr const char* names[] = {"none", "oscillator", "pll", "core_voltage", "clock_switch", "can"};
+  constexpr const char* names[] = {"none",         "oscillator", "pll",     "core_voltage",
+                                   "clock_switch", "can",        "watchdog"};
   return names[static_cast<unsigned>(f)];
 }
 

@@ -53,6 +53,7 @@ extern "C" {
   asm volatile("mrc p15, 0, %0, c1, c0, 0" : "=r"(control));
   control |= (1U << 17) | 1U;  // SCTLR: BR, the default map around it; M
   asm volatile("dsb\n mcr p15, 0, %0, c1, c0, 0\n isb" ::"r"(control) : "memory");
+  asm volatile("cpsie a" ::: "memory");  // a write that the bus rejects is an exception, too
   esmc_main();
 }
 

@@ -53,9 +53,11 @@ class Fdcan {
   /// only. Frames that `filters` do not accept cause no interrupt. Call before the interrupt is enabled.
   /// False, and off the bus: a rate is not exactly possible, or the controller does not answer. `loop_back`:
   /// away from the pins, for measurements without a transceiver; the controller receives its own frames, as
-  /// fast as on a bus.
+  /// fast as on a bus. `age_max_us`: the oldest age that frame_age_us() must tell, up to 1'000'000 us; the
+  /// longer, the coarser.
   [[nodiscard]] bool open(std::uint32_t clock, std::uint32_t bit_rate, std::uint32_t data_rate = 0,
-                          const IdFilters& filters = {}, bool loop_back = false) {
+                          const IdFilters& filters = {}, bool loop_back = false,
+                          std::uint32_t age_max_us = 60'000) {
     opened_ = false;
     const BitTiming slow = fdcan::nominal_timing(clock, bit_rate, data_rate != 0);
     const BitTiming fast = data_rate == 0 ? BitTiming{} : fdcan::data_timing(clock, data_rate);
@@ -79,7 +81,10 @@ class Fdcan {
     }
     a_.write(cccr, mode);
     if (loop_back) a_.write(test, 1U << 4);  // LBCK; with MON away from the pins
-    a_.write(tscc, 1);                       // counts bit times; of no use with FD frames
+    // The age and the frame itself, in bits, must not go round the counter of 16 bits.
+    const std::uint64_t span = std::uint64_t{age_max_us} * bit_rate / 1'000'000U + 256U;
+    stamp_bits_ = static_cast<Word>(span < 0xF'0000U ? span / 0x1'0000U + 1U : 16U);
+    a_.write(tscc, ((stamp_bits_ - 1) << 16) | 1U);  // counts bit times; of no use with FD frames
     for (Word at = 0; at < Chip::ram_words; ++at)
       a_.write_ram(at, 0);  // its parity is undefined until then (AN5348)
     configure_filters(filters.list());
@@ -136,7 +141,7 @@ class Fdcan {
     decode(*received, f);
     // The stamp is of the first bit; `bits` is the length of the frame without stuff bits.
     const std::uint32_t bits = (f.extended ? 64U : 44U) + (f.remote ? 0U : 8U * f.size);
-    const std::uint32_t since = (a_.read(fdcan::tscv) - (*received)[1]) & 0xFFFFU;
+    const std::uint32_t since = ((a_.read(fdcan::tscv) - (*received)[1]) & 0xFFFFU) * stamp_bits_;
     age_us_ = since > bits && !fd_
                   ? static_cast<std::uint32_t>(std::uint64_t{since - bits} * 1'000'000U / bit_rate_)
                   : 0U;
@@ -144,8 +149,9 @@ class Fdcan {
     return true;
   }
 
-  /// Time in us since the end of the frame received last, at most its stuff bits too long. Wraps after 65 ms
-  /// at 1 Mbit/s. 0, not known, with FD frames.
+  /// Time in us since the end of the frame received last, at most its stuff bits too long, in steps of a bit
+  /// time, or of up to 16 where `age_max_us` of open() takes more than 65 536. Beyond that age it wraps. 0,
+  /// not known, with FD frames.
   [[nodiscard]] std::uint32_t frame_age_us() const { return age_us_; }
 
   /// Drops waiting perishable frames, also those in the controller except one that is being sent.
@@ -329,7 +335,7 @@ class Fdcan {
 
   Access a_;
   bool opened_ = false, fd_ = false;
-  std::uint32_t bit_rate_ = 1, withdrawn_ = 0, age_us_ = 0;
+  std::uint32_t bit_rate_ = 1, stamp_bits_ = 1, withdrawn_ = 0, age_us_ = 0;
   std::atomic<std::uint32_t> overruns_ = 0;
   std::array<Buffer, Chip::tx_elements> buffers_{};
   WaitingFrames waiting_{};

@@ -51,7 +51,7 @@ class EngineOf final : public SystemEngine<Plant, Sys> {
   for (std::size_t m = 0; m < motor_joint.size(); ++m) {
     Drivetrain d(effects, m, by_event ? &attached->flank[m] : nullptr);
     if (d.empty()) break;  // the effects of a drivetrain are the same for every motor
-    attached->drivetrain.push_back(std::move(d));
+    attached->drivetrain.push_back(d);
   }
   return attached;
 }

@@ -73,7 +73,7 @@ class Run {
 
   void tick() {
     axis_.begin_tick();
-    fresh_ = false;
+    fresh_ = stopped_now_ = false;
     estimate_.reset();
     if (sample_age_ && *sample_age_ < drive::age_max) ++*sample_age_;
     if (heartbeat_age_ && *heartbeat_age_ < drive::age_max) ++*heartbeat_age_;
@@ -87,7 +87,7 @@ class Run {
     const bool stop = !f.extended && message == 2 && (to == config_.node || (newer_ && to == 0x3F));
     if (stop) {
       require(r == Received::accepted, "an emergency stop is always taken");
-      stopped_ = true;
+      stopped_ = stopped_now_ = true;
       return;
     }
     const bool for_all = newer_ && to == 0x3F;
@@ -285,7 +285,7 @@ class Run {
   }
   void acknowledge() {
     axis_.acknowledge();
-    stopped_ = false;
+    stopped_ = stopped_now_;  // the operator has not seen a stop of this tick
     forgiven_ = reports_stop_;
   }
   void torque(double joint) {
@@ -337,7 +337,7 @@ class Run {
   bool fresh_ = false, error_ = false, answered_ = false;
   bool ever_connected_ = false;  ///< closed loop was asked for and said twice, or a number reported
   bool away_ = false;            ///< the last sample was not near zero, and no heartbeat came after it
-  bool stopped_ = false, reports_stop_ = false, forgiven_ = false;
+  bool stopped_ = false, stopped_now_ = false, reports_stop_ = false, forgiven_ = false;
   int question_ = -1;  // 0: version, 1: `endpoint_`
   std::uint16_t endpoint_ = 0;
   bool version_good_ = false;

@@ -182,7 +182,7 @@ class FdcanModel {
     const std::uint32_t at = rx_at(put_);
     ram_[at] = (f.extended ? f.id | 1U << 30 : f.id << 18) | (f.remote ? 1U << 29 : 0U);
     ram_[at + 1] = 1U << 31 | (f.fd ? 1U << 21 : 0U) | (f.brs ? 1U << 20 : 0U) | f.dlc << 16 |
-                   ((read(0x24) - length) & 0xFFFF);
+                   ((stamp_ - length) / (((r_[0x20] >> 16) & 0xF) + 1) & 0xFFFF);
     for (std::uint32_t w = 0; 4 * w < f.bytes.size(); ++w) {
       std::uint32_t v = 0;
       for (std::uint32_t k = 0; k < 4 && 4 * w + k < f.bytes.size(); ++k)

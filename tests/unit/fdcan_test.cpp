@@ -272,6 +272,24 @@ TYPED_TEST(Fdcan, AgeOfAFrame) {
   }
 }
 
+TYPED_TEST(Fdcan, AgeThatTheWatchdogAllows) {
+  for (const std::uint32_t rate : {1'000'000U, 125'000U}) {
+    this->model.bits(1000);
+    for (const std::uint32_t longest : {5'000U, 65'000U, 500'000U, 1'000'000U}) {
+      ASSERT_TRUE(this->bus.open(24'000'000, rate, 0, {}, false, longest));
+      for (std::uint32_t part = 1; part <= 100; ++part) {
+        const std::uint32_t waited = longest / 100 * part;
+        this->model.deliver(wire(0x40, {1, 2, 3, 4, 5, 6, 7, 8}));
+        this->model.bits(108 + static_cast<std::uint32_t>(std::uint64_t{waited} * rate / 1'000'000U));
+        CanFrame f;
+        ASSERT_TRUE(this->bus.try_receive(f));
+        const double step = longest < 65'000 ? 1e6 / rate : 16e6 / rate;
+        EXPECT_NEAR(this->bus.frame_age_us(), waited, step) << rate << ' ' << longest;
+      }
+    }
+  }
+}
+
 TYPED_TEST(Fdcan, WhatTheBusHasNotTakenIsWithdrawn) {
   this->open();
   const auto torque = [](int value) {
