@@ -1,6 +1,6 @@
 /// The non-maskable interrupt of an STM32G4. An uncorrectable error while a slot is read is a record of
-/// parameters that was cut short, and only marked; any other, or a stopped crystal, is a crash. The address in
-/// FLASH_ECCR does not decide: an earlier error freezes it (RM0440, 3.3.2).
+/// parameters that was cut short, and only marked; any other, or a stopped crystal, is a crash. The address
+/// in FLASH_ECCR does not decide: an earlier error freezes it (RM0440, 3.3.2).
 
 #include "chip.hpp"
 

@@ -90,8 +90,7 @@ extern "C" [[noreturn]] void esmc_main() {
   link::StoreState printed = slots.status().state;
   // After a crash it does not arm until a loss of power clears the record.
   const bool crashed = crash_record.sealed();
-  if (!stm32::Chip::watchdog.start(watchdog_us))
-    start_again(board.console(), stm32::StartFault::watchdog);
+  if (!stm32::Chip::watchdog.start(watchdog_us)) start_again(board.console(), stm32::StartFault::watchdog);
   TimedLoop loop(node, board, baked::period_ns);
   std::uint32_t printed_us = board.now_us();
   for (;;) {

@@ -87,8 +87,8 @@ class IndependentWatchdog {
   [[nodiscard]] bool start(Word timeout_us) const {
     reg(base_) = 0xCCCC;
     reg(base_) = 0x5555;
-    reg(base_ + 4) = 0;                  // PR: 8 kHz
-    reg(base_ + 8) = timeout_us / 125U;  // RLR
+    reg(base_ + 4) = 0;                           // PR: 8 kHz
+    reg(base_ + 8) = timeout_us / 125U;           // RLR
     const bool counts = await(base_ + 12, 7, 0);  // SR: taken over, which takes five cycles of that clock
     refresh();
     return counts;
