@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "firmware/safety/faults.hpp"
 #include "host_sim/controller/controller_config.hpp"
+#include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/plant/system.hpp"
 #include "host_sim/turns.hpp"
@@ -79,7 +81,7 @@ bool passed_type2_unseen(const Scene& s, const std::vector<double>& q) {
 
 /// The last 30 % of the ticks count, the 30 % before them say whether it grows or dies away.
 ProbePart run_part(const Scene& s, std::uint32_t begins, ProbePart::Kind kind) {
-  const Trace t = probe(s);
+  const Trace t = probe(s, kind != ProbePart::Kind::slow);
   ProbePart out{.t = begins * s.tick(), .ticks = tick_count(s), .rate_hz = s.rate_hz, .kind = kind};
   if (!t.end.faults.empty()) out.fault = t.end.faults.front().name;
   std::size_t ran = t.saturated.size();
@@ -290,6 +292,15 @@ void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePar
   }
 }
 
+/// The steps in which the drives' frames report the joints, for the law amplifies them.
+std::string frame_steps_of(const Scene& s) {
+  const FrameSteps at_shaft = frame_steps(s.drives, 0);
+  if (!(at_shaft.position_rev > 0.0)) return "";
+  const double turn = 2.0 * std::numbers::pi / s.drives.gear_ratio[0];
+  return fmt::format("; drive 1 reports its joint in steps of {:.3g} rad and {:.3g} rad/s",
+                     turn * at_shaft.position_rev, turn * at_shaft.velocity_rev_s);
+}
+
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that
 /// are typical. What clearly dies away, by all parts together, is spread over the ticks of the run; not where
 /// much is left of it, for a limit cycle may be what it falls to.
@@ -338,8 +349,8 @@ void judge_probe(const Scene& scene, const Margins& m, const std::vector<ProbePa
     const ProbePart* rings = *std::ranges::max_element(typical, {}, &ProbePart::change);
     f.error(Code::loop_rings, "control",
             "simulated for {} ticks, the loop rings: from tick to tick the torque changes by {:.2g} % of "
-            "torque_limit, most from t = {:.3f} s on",
-            ticks, 100.0 * change, rings->t);
+            "torque_limit, most from t = {:.3f} s on{}",
+            ticks, 100.0 * change, rings->t, frame_steps_of(scene));
   }
   if (saturated > half && !f.refused_for(Code::torque_exceeded)) {
     f.error(Code::torque_exceeded, "control.torque_limit",

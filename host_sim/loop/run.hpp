@@ -78,7 +78,8 @@ struct Trace {
 Trace trace(const Scene& scene, bool single_precision = false);
 
 /// Runs a scene as `esmc sim` does and keeps the torques, for the few ticks that `esmc check` looks at.
-Trace probe(const Scene& scene);
+/// `in_frames`: samples and torques in the steps of the drives' frames.
+Trace probe(const Scene& scene, bool in_frames);
 
 /// Runs a case of a sweep, without path, digest and, unless wanted, base_errors. Throws InputError where the
 /// reference leaves the reach of the true mechanism, RunError where simulation.accuracy is not met; a state

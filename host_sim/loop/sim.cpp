@@ -23,6 +23,7 @@ struct Purpose {
   bool progress = true;           ///< shown; not by a run among many
   bool digest = true, base_errors = true;
   bool path = false, torques = false;
+  bool in_frames = false;  ///< samples and torques in the steps of the drives' frames
   Trace* trace = nullptr;
 };
 
@@ -144,6 +145,7 @@ class SimRun {
       Joints asked{};
       for (std::size_t i = 0; i < asked.size(); ++i)
         asked[i] = static_cast<double>(result.torque[static_cast<int>(i)]);
+      if (use_.in_frames) round_torques(sensors, asked);
       const Joints torque = actuators_.deliver(asked, tick, clipped);
       if constexpr (std::is_same_v<C, M>) {
         record(n, torque, clipped, {&result, &sample});
@@ -173,7 +175,17 @@ class SimRun {
     PlacedAxis axis;
     ShaftSensor shaft;
     double rev_per_rad;
+    FrameSteps steps{};
   };
+  static double rounded(double value, double step) {
+    return step > 0.0 ? step * std::round(value / step) : value;
+  }
+  static void round_torques(const std::vector<Sensor>& sensors, Joints& asked) {
+    for (const Sensor& s : sensors) {
+      double& torque = asked[static_cast<std::size_t>(s.axis.joint)];
+      if (s.axis.motor) torque = rounded(torque, s.steps.torque * s.axis.mount.gear_ratio);
+    }
+  }
   std::vector<Sensor> make_sensors(int count) {
     std::vector<Sensor> out;
     const SensorEffects effects(scene_.effects);
@@ -181,11 +193,13 @@ class SimRun {
       if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
       const double k = a.mount.rev_per_rad();
       out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
+      if (use_.in_frames && a.motor) out.back().steps = frame_steps(scene_.drives, a.entry);
       const Shaft shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
       const double rate = scene_.reference.first_tick > 0 ? shaft.rate : 0.0;  // else it has been at rest
       out.back().shaft.settle({(shaft.angle - rate * scene_.tick() - a.mount.offset) * k, rate * k});
     }
-    exact_ = effects.none();
+    exact_ = effects.none() &&
+             std::ranges::all_of(out, [](const Sensor& s) { return !(s.steps.position_rev > 0.0); });
     return out;
   }
   template <class C>
@@ -198,8 +212,9 @@ class SimRun {
         sample.rate[s.axis.joint] = static_cast<S>(shaft.rate);
         continue;
       }
-      const ShaftReading r =
+      ShaftReading r =
           s.shaft.read({(shaft.angle - s.axis.mount.offset) * s.rev_per_rad, shaft.rate * s.rev_per_rad});
+      r = {rounded(r.position_rev, s.steps.position_rev), rounded(r.velocity_rev_s, s.steps.velocity_rev_s)};
       sample.angle[s.axis.joint] = static_cast<S>(r.position_rev / s.rev_per_rad + s.axis.mount.offset);
       sample.rate[s.axis.joint] = static_cast<S>(r.velocity_rev_s / s.rev_per_rad);
     }
@@ -299,7 +314,9 @@ Trace trace(const Scene& scene, bool single_precision) {
   return study(scene, {.single_precision = single_precision, .path = true});
 }
 
-Trace probe(const Scene& scene) { return study(scene, {.progress = false, .torques = true}); }
+Trace probe(const Scene& scene, bool in_frames) {
+  return study(scene, {.progress = false, .torques = true, .in_frames = in_frames});
+}
 
 Trace run_case(const Scene& scene, bool base_errors, bool single_precision) {
   const Purpose purpose{

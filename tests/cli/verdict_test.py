@@ -71,6 +71,18 @@ class Verdicts(Case):
         for good, scene in (([*wide, "drives.velocity_range=500"], CIRCLE), ([*coarse, "drives.counts_per_turn=1000000"], ARM)):
             self.assertNotIn("limit_crossed", [f["code"] for f in self.check(scene, *good)["findings"]], good)
 
+    def test_steps_of_the_drives_frames(self):
+        """A speed in coarse steps, times the gain, is chatter in hil; sim, which has no frames, does not show it."""
+        mit = ["drives.protocol=mit", "drives.torque_range=200"]
+        coarse = ([*mit, "drives.velocity_range=200"], ["drives.protocol=cia402", "drives.velocity_unit=0.1"])
+        for values, steps in zip(coarse, ("0.0977", "0.1")):
+            self.assertIn("CHECK: chatter", esmc("hil", CIRCLE, *sets(*values)).stdout)
+            self.judged(values, "error", "loop_rings")
+            self.assertIn(f" rad and {steps} rad/s", str(self.check(CIRCLE, *values)["findings"]))
+        for good in ([*mit, "drives.velocity_range=20"], ["drives.protocol=cia402"]):
+            self.assertIn("\nOK: ", esmc("hil", CIRCLE, *sets(*good)).stdout)
+            self.assertNotIn("loop_rings", [f["code"] for f in self.check(CIRCLE, *good)["findings"]], good)
+
     def test_torque_that_is_not_asked_for(self):
         """The reference takes more than the limit; a hand at the effector and a weak law keep the arm off it, and sim is never saturated."""
         values = ['effects=[{type="external_force", kind="human", anchor=[0.0, 0.25], stiffness=86, damping=0.5}]', "limits.joint_speed=200",
