@@ -150,7 +150,10 @@ void judge_stability(const Scene& scene, Findings& f) {
     return;
   }
   if (roots.empty()) return;
-  const auto middle = roots.begin() + static_cast<std::ptrdiff_t>(roots.size() / 2);
+  // Of a motion the usual pose counts, at rest the worst: its load may stay.
+  const auto middle = scene.reference.type == ReferenceType::hold
+                          ? roots.end() - 1
+                          : roots.begin() + static_cast<std::ptrdiff_t>(roots.size() / 2);
   std::ranges::nth_element(roots, middle, {}, [](const auto& z) { return std::abs(z); });
   const double growth = std::log(std::abs(*middle));
   if (!(growth * tick_count(scene) > enough)) return;

@@ -72,7 +72,7 @@ StateSpace linear_plant(const Scene& scene, const Moment& at) {
   const bool loaded = payload && t >= payload->from && t < payload->to;
   const Plant plant = World::plant(scene, loaded ? payload->mass : 0.0);
   const auto attached = attach(smooth_effects(scene), scene.motor_joints(), nullptr, false);
-  attached->loads.begin(t);
+  attached->loads.begin(t + 0.5 * scene.tick());
   System system(plant, *attached);
   const M mechanism(params_of<M>(scene.mechanism));
   const auto motors = static_cast<Eigen::Index>(scene.motors());
@@ -234,15 +234,44 @@ double loop_delay(const Scene& scene) {
   return out;
 }
 
-void for_each_pose(const Scene& scene, std::uint32_t poses,
-                   const std::function<void(const Moment&, const StateSpace&, const StateSpace&)>& f) {
+namespace {
+
+/// The first ticks, after `join`, in which a payload or an outside force has come or gone.
+std::vector<std::uint32_t> ticks_of_loads(const Scene& scene, std::uint32_t join) {
+  std::vector<std::uint32_t> out;
+  const auto add = [&](double t) {
+    const double tick = std::ceil(t * scene.rate_hz - 1e-6);
+    if (tick > join && tick < tick_count(scene)) out.push_back(static_cast<std::uint32_t>(tick));
+  };
+  for (const Effect& e : scene.effects) {
+    if (const auto* load = std::get_if<Payload>(&e)) add(load->from), add(load->to);
+    if (const auto* force = std::get_if<ExternalForce>(&e)) add(force->from), add(force->to);
+  }
+  return out;
+}
+
+/// Ticks after the join: `poses` of them, spread over the reference; at rest one, and one for each load.
+std::vector<std::uint32_t> ticks_of_poses(const Scene& scene, std::uint32_t poses) {
   const std::uint32_t ticks = tick_count(scene),
                       join = std::min(ticks, make_reference(scene, Pacing::lockstep).join_ticks);
-  const std::uint32_t count =
-      scene.reference.type == ReferenceType::hold ? 1 : std::clamp(ticks - join, 1U, poses);
-  for (std::uint32_t i = 0; i < count; ++i) {
+  std::vector<std::uint32_t> out;
+  if (scene.reference.type == ReferenceType::hold) {
+    out = ticks_of_loads(scene, join);
+    out.insert(out.begin(), join);
+    return out;
+  }
+  const std::uint32_t count = std::clamp(ticks - join, 1U, poses);
+  for (std::uint32_t i = 0; i < count; ++i)
+    out.push_back(join + static_cast<std::uint32_t>((ticks - join) * std::uint64_t{i} / count));
+  return out;
+}
+
+}  // namespace
+
+void for_each_pose(const Scene& scene, std::uint32_t poses,
+                   const std::function<void(const Moment&, const StateSpace&, const StateSpace&)>& f) {
+  for (const std::uint32_t tick : ticks_of_poses(scene, poses)) {
     if (stop_requested()) throw Interrupted("interrupted");
-    const std::uint32_t tick = join + static_cast<std::uint32_t>((ticks - join) * std::uint64_t{i} / count);
     const auto at = moment_at(scene, tick);
     if (!at)
       throw InputError(scene.reference_where,

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 
 #include "firmware/cycle/instances.hpp"
 #include "host_sim/controller/robust.hpp"
@@ -30,10 +31,18 @@ typename M::Pose start_pose(const Scene& scene, const M& m) {
   return m.pose(Vec<double, M::joints>(scene.start_angle.data()));
 }
 
-/// With the friction of the plant, and `payload`, kg, at the effector.
-FiveBarParams<double> true_mechanism(const Scene& scene, double payload) {
+/// With the friction of the plant, and `payload`, kg, at the effector. Dry friction that is regularised is
+/// that at the joint rates `rate`, rad/s; empty: of fast joints.
+FiveBarParams<double> true_mechanism(const Scene& scene, double payload, std::span<const double> rate = {}) {
   FiveBarParams<double> truth = scene.mechanism;
-  set_friction(truth, friction_of(scene.effects).value_or(JointFriction{}));
+  JointFriction friction = friction_of(scene.effects).value_or(JointFriction{});
+  for (std::size_t i = 0; i < rate.size(); ++i) {
+    const double full =
+        std::tanh(std::abs(rate[i]) / find_effect<CoulombFriction>(scene.effects)->regularised);
+    friction.dry[i] *= full;
+    friction.asymmetry[i] *= full * full;
+  }
+  set_friction(truth, friction);
   return with_payload(truth, scene.type == MechanismType::rr, payload);
 }
 
@@ -141,7 +150,11 @@ class Follower {
   typename M::Channels forces(double t, const typename M::Pose& pose, const typename M::Rates& rates,
                               const typename M::Rates& acceleration) const {
     const bool carries = payload_ && t >= payload_->from && t < payload_->to;
-    const M& m = carries ? loaded_ : controller_.mechanism;
+    M m = carries ? loaded_ : controller_.mechanism;
+    if (rounded_) {
+      const Vec<double, M::joints> rate = joints_of<M>(rates);
+      m = M(params_of<M>(true_mechanism(scene_, carries ? payload_->mass : 0.0, {rate.data(), M::joints})));
+    }
     typename M::Channels a = m.channel_accelerations(pose, rates, acceleration);
     m.add_rotors(a);
     typename M::Channels w = m.force(a, rates);
@@ -270,6 +283,7 @@ class Follower {
   ControllerConfig<M> controller_;
   Reference<double> reference_;
   std::optional<Payload> payload_ = find_effect<Payload>(scene_.effects);
+  bool rounded_ = find_effect<CoulombFriction>(scene_.effects).value_or(CoulombFriction{}).regularised > 0.0;
   M loaded_;                        // with the payload
   std::vector<double> rotor_;       // inertia per motor, kg m2 at the joint
   std::vector<TorqueStage> drive_;  // per motor

@@ -48,8 +48,7 @@ SceneCommand add_scene_command(Program& p, const char* name, const char* descrip
 }
 void add_mcap(CLI::App& c, std::string& file) {
   c.add_option("--mcap", file, "file for the log and the CAN frames as MCAP, for Foxglove and the like")
-      ->type_name("FILE")
-      ->check(named());
+      ->type_name("FILE");
 }
 /// Adds a command that runs a scene and leaves a log.
 SceneCommand add_run(Program& p, const char* name, const char* description, int (*run)(const RunOptions&)) {
@@ -370,8 +369,8 @@ void add_accuracy(Program& p) {
        "named | all: also those that the scene does not name, with plausible parameters")
       ->check(CLI::IsMember({"all", "named"}))
       ->default_str("named");
-  c.add_option("--write", o.write, "file for the cheapest scene")->type_name("FILE")->check(named());
-  c.add_flag("--quick", o.quick, "without SCENE: a minute instead of several");
+  c.add_option("--write", o.write, "file for the cheapest scene")->type_name("FILE");
+  c.add_flag("--quick", o.quick, "without SCENE: a third of the time");
   add_out(c, o.out, "JSON and report.html; without SCENE: CSV and Markdown tables as well");
   add_json(c, o.json, "print the study as one JSON document");
 }
@@ -391,7 +390,8 @@ void add_campaign(Program& p) {
   c.add_option("--protocol", o.protocol, "in place of the scene's drives.protocol");
   c.add_option("--fault", o.fault, "only this fault, in episodes where it is possible")->type_name("NAME");
   add_integer(c, "--replay", o.replay, "run only the episode of this seed, twice, and print its ticks")
-      ->type_name("SEED");
+      ->type_name("SEED")
+      ->excludes("--episodes");
   add_out(c, o.out, "campaign.json, campaign.md, report.html; with --replay episode.json, episode.txt");
   add_json(c, o.json);
 }
@@ -467,9 +467,7 @@ void add_calibrate(Program& p) {
              "parameters that the log does not determine stay nominal, instead of an error");
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--within", o.within, "relative change of a length beyond which it is another mechanism");
-  c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")
-      ->type_name("FILE")
-      ->check(named());
+  c.add_option("--write", o.write, "scene file to write: the nominal one, corrected")->type_name("FILE");
   add_out(c, o.out, "calibration.json, report.html");
   add_json(c, o.json);
 }
@@ -486,8 +484,7 @@ void add_identify(Program& p) {
   add_observer_bandwidth(c, o.observer_bandwidth);
   add_positive(c, "--coverage", o.coverage, "half width of the intervals, in standard uncertainties");
   c.add_option("--write", o.write, "scene file to write: its controller believes what was found")
-      ->type_name("FILE")
-      ->check(named());
+      ->type_name("FILE");
   add_out(c, o.out, "identification.json, report.html");
   add_json(c, o.json);
 }
@@ -507,8 +504,7 @@ void add_live(Program& p) {
        "virtual | socketcan:INTERFACE | slcan:ENDPOINT; not virtual: for a controller there, in real time")
       ->capture_default_str();
   c.add_option("--mcap", o.run.mcap, "file for all samples as MCAP, for Foxglove and the like")
-      ->type_name("FILE")
-      ->check(named());
+      ->type_name("FILE");
   add_json(c, o.run.json, "print the summary as one JSON document, and the URL on stderr");
 }
 

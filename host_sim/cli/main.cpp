@@ -69,6 +69,19 @@ void require_subcommand(const CLI::App& app, int argc, char** argv) {
                            (close.empty() ? "" : "did you mean " + close + "? ") + "see esmc --help");
 }
 
+/// An empty argument is what a variable of a shell that is not set gives: it names nothing and is no number.
+void require_values(int argc, char** argv) {
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view a = argv[i];
+    const bool option = a.starts_with("--") && a.ends_with('=');
+    if (!a.empty() && !option) continue;
+    throw InputError("", fmt::format("{}: an empty argument; is a variable of the shell not set?",
+                                     option  ? a.substr(0, a.size() - 1)
+                                     : i > 1 ? std::string_view(argv[i - 1])
+                                             : "esmc"));
+  }
+}
+
 /// The error of CLI11, with the name of what is unknown and where help is.
 std::string argument_error(const CLI::App& app, const CLI::ParseError& e, int argc, char** argv) {
   const auto chosen = app.get_subcommands();
@@ -94,6 +107,7 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   Program program{app, command_line_of(argc, argv)};
   add_commands(program);
+  require_values(argc, argv);
   std::vector<std::string> words(argv + 1, argv + std::max(argc, 1));
   if (!words.empty() && words.front() == "help") {  // esmc help, esmc help sim
     require_subcommand(app, argc - 1, argv + 1);

@@ -61,11 +61,6 @@ inline auto number(const char* range, bool (*allowed)(double)) {
     return valid ? std::string() : fmt::format("must be {}, not {}", range, text);
   };
 }
-/// A validator: a name of a file or directory, which a variable of a shell that is not set does not give.
-inline auto named() {
-  return
-      [](const std::string& text) { return text.empty() ? std::string("a name is needed") : std::string(); };
-}
 inline auto above_zero() {
   return number("a number > 0", [](double v) { return v > 0.0; });
 }
@@ -108,10 +103,10 @@ inline void add_json(CLI::App& c, bool& json,
   c.add_flag("--json", json, help);
 }
 inline void add_out(CLI::App& c, std::string& out, const std::string& files) {
-  c.add_option("--out", out, "directory for " + files)->type_name("DIR")->check(named());
+  c.add_option("--out", out, "directory for " + files)->type_name("DIR");
 }
 inline void add_out_file(CLI::App& c, std::string& out) {
-  c.add_option("--out", out, "file to write instead of printing")->type_name("FILE")->check(named());
+  c.add_option("--out", out, "file to write instead of printing")->type_name("FILE");
 }
 inline void add_sets(CLI::App& c, std::vector<std::string>& sets) {
   c.add_option("--set", sets, "section.key=value in place of the scene's; may be repeated")

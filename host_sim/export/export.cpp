@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numbers>
 #include <optional>
 #include <string_view>
@@ -76,7 +77,7 @@ std::vector<Chain> chains_of(const Scene& scene) {
   for (std::size_t m = 0; m < joints.size(); ++m) {
     RigidBar& bar = out[joints[m] / 2].bars[joints[m] % 2];
     bar.driven = true;
-    if (m < scene.torque_limit.size()) bar.torque_limit = scene.torque_limit[m];
+    if (scene.closed_loop()) bar.torque_limit = scene.torque_limit[m];  // by the controller
   }
   return out;
 }
@@ -121,16 +122,25 @@ std::string preamble(const Scene& scene, const std::vector<std::string>& express
     const std::string name = type_name(e);
     if (std::ranges::find(expressed, name) == expressed.end()) left += (left.empty() ? "" : ", ") + name;
   }
+  if (const auto dry = find_effect<CoulombFriction>(scene.effects); dry && dry->regularised > 0.0)
+    out += fmt::format("     Dry friction acts in full at any rate; in the scene by tanh(rate / {} rad/s).\n",
+                       dry->regularised);
   if (!left.empty()) out += "     Omitted, because this format cannot express it: " + left + ".\n";
   return out;
 }
 
 // ---- MJCF ----
 
+/// s: what the simulation integrates by.
+double step_of(const Scene& scene) {
+  return scene.tick() / std::max(1.0, std::ceil(scene.tick() / scene.step - 1e-9));
+}
+
 /// MuJoCo's constraints are springs and dampers in acceleration. As stiff as the step allows (solref: time
 /// constant and damping ratio), and as hard as it lets a constraint be (solimp).
 std::string hard(const Scene& scene, const char* suffix) {
-  return fmt::format("solref{0}=\"{1} 1\" solimp{0}=\"0.9999 0.9999 0.001 0.5 2\"", suffix, 4.0 * scene.step);
+  return fmt::format("solref{0}=\"{1} 1\" solimp{0}=\"0.9999 0.9999 0.001 0.5 2\"", suffix,
+                     4.0 * step_of(scene));
 }
 
 std::string joint(const Scene& scene, const RigidBar& b) {
@@ -259,7 +269,7 @@ std::string mjcf(const Scene& scene) {
       "tolerance=\"1e-14\"/>\n"
       "  <default><geom contype=\"0\" conaffinity=\"0\" rgba=\"0.3 0.5 0.7 1\"/></default>\n"
       "  <worldbody>\n    <body name=\"frame\" quat=\"{} {} 0 0\">\n{}    </body>\n  </worldbody>\n",
-      xml_text(scene.name), scene.step, -scene.mechanism.g, quarter, quarter, bodies);
+      xml_text(scene.name), step_of(scene), -scene.mechanism.g, quarter, quarter, bodies);
   if (scene.type == MechanismType::five_bar) {
     out += fmt::format(
         "  <equality>\n    <connect name=\"closure\" body1=\"bar12\" body2=\"bar22\" anchor=\"{} 0 0\" "

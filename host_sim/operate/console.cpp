@@ -148,9 +148,12 @@ Points& Console::points() const {
 
 void Console::teach(const Words& words) {
   auto at = position(space());
+  const auto measured = link_.news().pose();
+  if (!measured || now().zero_unknown)
+    refuse("not_now", "the controller has no pose: it needs fresh samples of all encoders, and a zero");
   // Without torque the measured pose counts, for every reference.
   if (space() == link::Space::effector && now().state != State::running)
-    for (std::size_t i = 0; i < at.size(); ++i) at[i] = static_cast<double>((*link_.news().effector)[i]);
+    for (std::size_t i = 0; i < at.size(); ++i) at[i] = static_cast<double>((*measured)[i]);
   points().teach(words[1], at);
   say(fmt::format("{} = {:.6f} {:.6f}, in {}", words[1], at[0], at[1], points().file()));
 }

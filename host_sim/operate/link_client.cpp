@@ -39,6 +39,10 @@ std::optional<link::Status> decode_status(const hal::CanFrame& f, std::uint32_t 
       (f.data[3] & 0x20U) != 0};
 }
 
+std::optional<std::array<float, 2>> ControllerNews::pose() const {
+  return effector == std::array{0.0F, 0.0F} ? std::nullopt : effector;
+}
+
 ControllerNews::Values ControllerNews::values() const {
   Values out{};
   auto at = out.begin();

@@ -53,6 +53,8 @@ struct ControllerNews {
   std::uint64_t ticks = 0;   ///< of the controller since the first Status, unless it starts again
   std::uint32_t others = 0;  ///< orders and signs of life of another computer
 
+  /// The effector, m; empty: none was heard, or the controller has no pose, for which it sends 0 and 0.
+  [[nodiscard]] std::optional<std::array<float, 2>> pose() const;
   /// The telemetry: x, y, their errors, then angle and torque of each motor; NaN where none was heard.
   [[nodiscard]] Values values() const;
 };

@@ -42,7 +42,7 @@ nlohmann::ordered_json status_json(const Connection& c) {
          {"session", s.session},
          {"scene", fmt::format("{:08x}", n.scene.value_or(0))},
          {"protocol_version", n.version},
-         {"effector", or_null(n.effector)},
+         {"effector", or_null(n.pose())},
          {"error", or_null(n.error)},
          {"joints", Json::array()},
          {"parameters", Json::object()},
@@ -72,7 +72,7 @@ std::string status_text(const Connection& c) {
   if (s.pace != link::Pace::full)
     out += fmt::format("\nreference {}", pace_names[static_cast<std::size_t>(s.pace)]);
   if (s.zero_unknown) out += "\nzero not confirmed: home, or zero in the zero pose";
-  if (n.effector) out += fmt::format("\neffector {:.6f} {:.6f} m", (*n.effector)[0], (*n.effector)[1]);
+  if (const auto pose = n.pose()) out += fmt::format("\neffector {:.6f} {:.6f} m", (*pose)[0], (*pose)[1]);
   for (std::size_t i = 0; i < n.joint.size(); ++i) {
     if (n.joint[i])
       out += fmt::format("\njoint {}: {:.6f} rad, {:.4f} N m", i + 1, (*n.joint[i])[0], (*n.joint[i])[1]);

@@ -217,11 +217,11 @@ class Measurement {
   /// Measures the motion m of time t; without `motors` only what the moves themselves limit.
   void look(double t, const Motion2<double>& m, bool motors) {
     const auto piece = [&]() -> const Piece& { return Route<M>::piece_at(*stretch_, timing_->at(t).s); };
-    const std::size_t begin = shares_.size();
+    const std::size_t begin = shares_.size(), most_ticks = most_shares / slots_.size();
     if (begin > most_shares)
       throw Refused(piece().move, "time",
                     "takes more than {:.2g} ticks near a limit: a faster move, or a stated time",
-                    static_cast<double>(most_shares / slots_.size()));
+                    static_cast<double>(most_ticks));
     shares_.resize(begin + slots_.size());
     Share* to = &shares_[begin];
     Vec2<double> rate(0, 0), acceleration(0, 0);

@@ -44,6 +44,7 @@ double finite(const std::string& key, const py::handle& v) {
 }
 
 SweepValue sweep_value(const std::string& key, const py::handle& v) {
+  if (py::hasattr(v, "tolist")) return sweep_value(key, v.attr("tolist")());  // a scalar of numpy
   if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
   if (py::isinstance<py::int_>(v)) return v.cast<std::int64_t>();
   if (py::isinstance<py::str>(v)) return v.cast<std::string>();

@@ -249,7 +249,8 @@ void define_loop(py::module_& m) {
           "As final_state.q of a run: with a five-bar x and y, then the joints; m, rad, shape (coordinates,)")
       .def_property_readonly("qd", &coordinates<true, false>,
                              "As final_state.qd, m/s, rad/s, shape (coordinates,)")
-      .def_property_readonly("energy", &PythonPlant::energy, "kinetic and potential, J");
+      .def_property_readonly("energy", &PythonPlant::energy,
+                             "kinetic and potential, J, of the bars, without gears' springs and rotors");
 }
 
 void raise(const py::handle& type, const std::string& text) {

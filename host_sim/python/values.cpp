@@ -14,7 +14,8 @@ std::string quoted(const std::string& text) {
   std::string out = "\"";
   for (const char c : text) {
     if (c == '"' || c == '\\') out += '\\';
-    out += static_cast<unsigned char>(c) < 0x20U ? fmt::format("\\u{:04X}", c) : std::string(1, c);
+    out +=
+        static_cast<unsigned char>(c) < 0x20U || c == 0x7F ? fmt::format("\\u{:04X}", c) : std::string(1, c);
   }
   return out + "\"";
 }

@@ -46,6 +46,7 @@ RecordedTable read_table(const std::string& file, const std::vector<std::string>
                          const std::string& hint, const std::string& word) {
   const std::string bytes = bytes_of(file);
   std::string_view rest = bytes;
+  if (rest.starts_with("\xEF\xBB\xBF")) rest.remove_prefix(3);  // byte order mark
   RecordedTable out;
   out.file = file;
   std::size_t number = 0;

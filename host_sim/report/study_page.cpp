@@ -18,7 +18,7 @@ extern const std::string_view look_css;  // look.css, embedded by embed.cmake
 namespace {
 
 constexpr double figure_width = 640, figure_height = 400, left = 70, right = 170, top = 34, bottom = 50;
-constexpr std::size_t most_marked = 60;  // points of a line that have markers
+constexpr std::size_t most_marked = 60;  // points of a line that have markers; of a longer one eight have
 // Okabe and Ito: distinct for every kind of colour vision, on white and on black.
 constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                    "#e69f00", "#56b4e9", "#999999", "#b8a800"};
@@ -64,12 +64,8 @@ struct ChartAxis {
   /// Calls mark(text, position) for at most nine round values.
   template <class Mark>
   void for_each_mark(Mark mark) const {
-    if (scale == Scale::linear) {
-      const double step = round_step((high - low) / 7.0);
-      for (double k = std::ceil(low / step); k * step <= high; ++k)
-        mark(fmt::format("{:.4g}", k * step + 0.0), at(k * step));  // + 0: no -0
-      return;
-    }
+    if (scale == Scale::linear) return for_each_round(low, high, mark);
+    if (high - low < 0.7) return for_each_round(std::pow(10.0, low), std::pow(10.0, high), mark);
     const int first = static_cast<int>(std::ceil(low)), last = static_cast<int>(std::floor(high));
     for (int d = first; d <= last; d += std::max(1, (last - first + 7) / 8))
       mark(decade(d), at(std::pow(10.0, d)));
@@ -83,6 +79,12 @@ struct ChartAxis {
   }
 
  private:
+  template <class Mark>
+  void for_each_round(double first, double last, Mark mark) const {
+    const double step = round_step((last - first) / 7.0);
+    for (double k = std::ceil(first / step); k * step <= last; ++k)
+      mark(fmt::format("{:.4g}", k * step + 0.0), at(k * step));  // + 0: no -0
+  }
   [[nodiscard]] double of(double v) const { return scale == Scale::log ? std::log10(v) : v; }
   /// The next of 1, 2, 5 times a power of ten.
   static double round_step(double least) {
@@ -94,14 +96,22 @@ struct ChartAxis {
   }
 };
 
-/// `kind` picks shape and colour; the class lets a page with a look of its own choose another colour.
+/// `kind` picks colour and shape, of which there are 14 without the colour; the class lets a page with a look
+/// of its own choose another colour.
 std::string marker(std::size_t kind, double x, double y) {
-  kind %= std::size(colours);
-  const std::string shapes[] = {fmt::format("circle cx='{:.1f}' cy='{:.1f}' r='3'", x, y),
-                                fmt::format("rect x='{:.1f}' y='{:.1f}' width='6' height='6'", x - 3, y - 3),
-                                fmt::format("path d='M{:.1f} {:.1f}l4 7h-8z'", x, y - 4)};
-  return fmt::format("<{} class='s{}' color='{}' fill='currentColor'/>", shapes[kind % 3], kind,
-                     colours[kind]);
+  constexpr const char* shapes[] = {"m-3 0a3 3 0 1 0 6 0a3 3 0 1 0 -6 0z",
+                                    "m-3 -3h6v6h-6z",
+                                    "m0 -4l4 7h-8z",
+                                    "m0 -4l4 4l-4 4l-4 -4z",
+                                    "m0 4l4 -7h-8z",
+                                    "m4 0l-7 4v-8z",
+                                    "m-4 0l7 4v-8z"};
+  const std::size_t colour = kind % std::size(colours);
+  return fmt::format("<path class='s{}' d='M{:.1f} {:.1f}{}' color='{}' {}/>", colour, x, y,
+                     shapes[kind % std::size(shapes)], colours[colour],
+                     kind / std::size(shapes) % 2 == 0
+                         ? "fill='currentColor'"
+                         : "fill='none' stroke='currentColor' stroke-width='1.5'");
 }
 
 bool drawable(double v, Scale scale) { return std::isfinite(v) && (scale == Scale::linear || v > 0.0); }
@@ -182,11 +192,14 @@ std::string chart_svg(const std::string& title, const std::string& x_label, cons
                      (top + base) / 2, escaped(y_label));
   for (std::size_t i = 0; i < series.size(); ++i) {
     std::string line, marks;
-    for (const auto& p : series[i].points) {
+    const std::size_t points = series[i].points.size();
+    const std::size_t marked = series[i].line && points > most_marked ? points / 8 : 1;
+    for (std::size_t n = 0; n < points; ++n) {
+      const auto& p = series[i].points[n];
       if (!shown(p)) continue;
       const double px = x.at(p.first), py = y.at(p.second);
       if (series[i].line) line += fmt::format("{}{:.1f} {:.1f}", line.empty() ? "M" : "L", px, py);
-      if (!series[i].line || series[i].points.size() <= most_marked) marks += marker(i, px, py);
+      if (n % marked == marked / 2) marks += marker(i, px, py);
     }
     const double ly = top + 10 + 18.0 * static_cast<double>(i);
     const std::size_t kind = i % std::size(colours);

@@ -66,6 +66,7 @@ void read_path(Section& s, Scene& scene, double longest) {
   std::istringstream in(scene.companions.back().text);
   std::string line;
   std::getline(in, line);
+  if (line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);  // byte order mark
   while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
   if (line != "t,x,y") throw InputError(path.string() + ":1", "the header must be t,x,y and nothing else");
   std::vector<PathPoint>& out = scene.reference.table;

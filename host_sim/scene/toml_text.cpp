@@ -168,6 +168,9 @@ void split_legs(toml::table& mechanism, const std::string& key, const toml::node
 void merge(toml::table& into, toml::table&& from, const std::string& above = "") {
   for (auto&& [k, node] : from) {
     const std::string key(k.str()), name = above.empty() ? key : above + "." + key;
+    if (name == "effects" && !into.contains(key) && typed(node))
+      refuse("{}: the scene has no effects; --set 'effects=[{{type=\"{}\"}}]' names one", *node.source().path,
+             node.as_table()->begin()->first.str());
     if (above == "mechanism") split_legs(into, key, node);
     if (toml::array* list = into.contains(key) ? into[key].as_array() : nullptr;
         list != nullptr && (numbered(node) || typed(node))) {

@@ -181,6 +181,7 @@ std::string accuracy_page(const Study& s, const std::string& command) {
 }  // namespace
 
 int run_accuracy(const AccuracyOptions& o) {
+  if (!o.scene.empty() && o.quick) throw InputError("", "--quick is for the study without SCENE");
   if (!o.scene.empty()) return run_price_list(o);
   if (o.all_effects || !o.sets.empty() || !(o.tolerance + o.metric + o.write).empty())
     throw InputError("", "--set, --tolerance, --of, --effects and --write need a SCENE");

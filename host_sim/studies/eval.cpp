@@ -144,11 +144,13 @@ inline void require_valid(ParamError e, const Node& n) {
 inline void require_consistent(const Node& n, const FiveBarParams<double>& m, const List<int, 2>& working) {
   constexpr double tolerance = 1e-6;  // of the mechanism's size, and of its speed
   const Node state = n.at("state");
-  if (!state.has("theta")) return;
-  const Vec<double, 4> theta = state.vector<double, 4>("theta");
-  const bool rates = state.has("thetad");
-  const Vec<double, 4> w = rates ? state.vector<double, 4>("thetad") : Vec<double, 4>::Zero().eval();
+  const bool angles = state.has("theta"), rates = state.has("thetad");
+  if (!angles && !rates) return;
   const Vec2<double> x(state.number<double>("x"), state.number<double>("y"));
+  const auto reached = FiveBar<double>(m).inverse(x, {working, 0});
+  if (!angles && !reached) return;  // not in double
+  const Vec<double, 4> theta = angles ? state.vector<double, 4>("theta") : FiveBar<double>::angles(*reached);
+  const Vec<double, 4> w = rates ? state.vector<double, 4>("thetad") : Vec<double, 4>::Zero().eval();
   const Vec2<double> v(state.number<double>("xd"), state.number<double>("yd"));
   for (unsigned j = 0; j < 2; ++j) {
     const LegParams<double>& leg = m.legs[j];

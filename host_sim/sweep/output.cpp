@@ -251,9 +251,9 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
     TextTable best{{"case"}};
     for (const Vary& v : spec.vary) best[0].push_back(v.key);
     for (const std::size_t c : columns) best[0].emplace_back(name_of(spec.wanted[c]));
-    const std::size_t step = fronts[f].size() / most_rows + 1;
-    for (std::size_t k = 0; k < fronts[f].size(); k += step) {
-      const std::uint64_t i = fronts[f][k];
+    const std::size_t size = fronts[f].size(), shown = std::min(size, most_rows);
+    for (std::size_t k = 0; k < shown; ++k) {  // both ends are among them
+      const std::uint64_t i = fronts[f][shown > 1 ? k * (size - 1) / (shown - 1) : 0];
       best.push_back({std::to_string(i)});
       for (std::size_t a = 0; a < spec.vary.size(); ++a) {
         const SweepValue v = scenes.value(i, a);
@@ -263,6 +263,9 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
       for (const std::size_t c : columns) best.back().push_back(fmt::format("{:.4g}", table.at(i, c)));
     }
     body += table_html("Pareto front", best);
+    if (shown < size)
+      body += fmt::format("<p class='note'>{} of its {} cases are listed; summary.json has all.</p>", shown,
+                          size);
   }
   std::vector<std::string> histograms;
   for (const std::size_t c : repeatable(spec)) {
@@ -273,7 +276,8 @@ std::string sweep_page(const SweepSpec& spec, const CaseScenes& scenes, const Sw
                         std::string(objectives[static_cast<std::size_t>(spec.wanted[c])].meaning), v));
   }
   if (!histograms.empty()) body += figures_html(histograms);
-  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file, body, sweep_verdict(table));
+  return study_page("Sweep: " + scenes.nominal().name, "esmc sweep " + spec.file + " --out DIR", body,
+                    sweep_verdict(table));
 }
 
 }  // namespace esmc::host

@@ -49,6 +49,12 @@ class Export(Case):
                                    "--set", "drives.nodes=[1, 2, 3, 4]"))
         self.assertTrue([m.get("joint") + m.get("ctrlrange") for m in four.iter("motor")] ==
                ["theta11-1 1", "theta12-2 2", "theta21-3 3", "theta22-4 4"], "four motors and their limits")
+        wave = "control.torque=[{offset=9.0}, {offset=0.1}]"
+        free = self.good(CIRCLE, "mjcf", "--set", "control.law=open_loop", "--set", wave, "--set", "simulation.step=0.02",
+                         "--set", 'effects=[{type="coulomb_friction", torque=0.1, regularised=10.0}]')
+        self.assertTrue("ctrlrange" not in free, "no controller limits these torques")
+        self.assertTrue('timestep="0.001"' in free, "no step is longer than a tick")
+        self.assertTrue("in the scene by tanh(rate / 10 rad/s)" in free, "dry friction is not rounded")
         nasty = '<&"\'--><!-- ---'
         for form in ("mjcf", "urdf"):
             tree = xml.fromstring(self.good(CIRCLE, form, "--set", "name=" + "'''" + nasty.replace("'", "") + "'''"))

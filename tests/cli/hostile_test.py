@@ -176,10 +176,10 @@ class Hostile(Case):
     def test_reference_files(self):
         good = "t,x,y\n0,0,0.2\n0.02,0.001,0.2\n0.05,0.002,0.201\n"
         short = sets("simulation.duration=0.05")
-        for csv in (good, good.replace("\n", "\r\n"), good.replace(",", " , ").replace("t , x , y", "t,x,y"), good.replace("0.02", "+2.0E-2")):
+        for csv in (good, good.replace("\n", "\r\n"), good.replace(",", " , ").replace("t , x , y", "t,x,y"), good.replace("0.02", "+2.0E-2"), "\ufeff" + good):
             run = esmc("sim", self.reference('"p.csv"', csv), *short)
             self.assertEqual((run.returncode, run.stderr), (0, ""))
-        for old, new, words in (("t,x,y", "t,x,y,z", "p.csv:1: the header"), ("t,x,y", "t,x,yz", "p.csv:1: "), ("t,x,y", "\ufefft,x,y", "p.csv:1: "),
+        for old, new, words in (("t,x,y", "t,x,y,z", "p.csv:1: the header"), ("t,x,y", "t,x,yz", "p.csv:1: "),
                                 ("0.02,0.001,0.2\n", "0.02,0.001,0.2 m\n", "p.csv:3: three finite"), ("0.001,0.2\n", "0.001,0.2,7\n", "p.csv:3: "),
                                 ("0.001,", "0.001;", "p.csv:3: "), ("0.001", "nan", "p.csv:3: "), ("0.001", "0x1", "p.csv:3: "), ("0.001", "", "p.csv:3: "),
                                 ("0.001", "1e400", "p.csv:3: "), ("0.05,", "1e300,", "p.csv:4: t must be at most 1e+06 s"), ("0.05,", "inf,", "p.csv:4: ")):
@@ -251,8 +251,9 @@ class Hostile(Case):
     def test_a_name_that_is_empty(self):
         short = sets("simulation.duration=0.01")
         for args in (["sim", CIRCLE, *short, "--out"], ["sim", CIRCLE, *short, "--mcap"], ["bake", CIRCLE, "--out"], ["export", CIRCLE, "--format", "urdf", "--out"],
-                     ["identify", self.tmp, "--write"], ["calibrate", self.tmp, "--write"], ["accuracy", ARM, *short, "--write"], ["live", CIRCLE, "--mcap"]):
-            self.refused(esmc(*args, ""), f"{args[-1]}: a name is needed; see esmc {args[0]} --help")
+                     ["identify", self.tmp, "--write"], ["calibrate", self.tmp, "--write"], ["accuracy", ARM, *short, "--write"], ["live", CIRCLE, "--mcap"],
+                     ["accuracy"], ["campaign"], ["campaign", "--fault"], ["drive", "--protocol", "odrive", "--bus", "slcan:/dev/null", "--node"]):
+            self.refused(esmc(*args, ""), f"{args[-1]}: an empty argument; is a variable of the shell not set?")
 
     def test_out_changes_everything_or_nothing(self):
         out = self.tmp / "o"
@@ -458,6 +459,7 @@ class Hostile(Case):
         theta, rates = five["state"]["theta"], five["state"]["thetad"]
         for change, words in ((state(theta=[theta[0] + 1e-3, *theta[1:]]), "'state.theta' of leg 1 does not lead to"), (state(x=five["state"]["x"] + 1e-3), "'state.theta'"),
                               (state(thetad=[*rates[:3], rates[3] + 0.1]), "'state.thetad' of leg 2"),
+                              (lambda c: c["state"].pop("theta") and c["state"].update(thetad=[50, -50, 50, -50]), "'state.thetad' of leg 1"),
                               (lambda c: c["mode"].update(assembly=-c["mode"]["assembly"]), "'state.x', 'state.y' is of the other assembly mode"),
                               (law("lambda", -1), "'esmc.lambda' must be >= 0"), (law("k", -1e-9), "'esmc.k' must be >= 0"),
                               (law("eps", 0.0), "'esmc.eps' must be > 0"), (law("eps", -1), "'esmc.eps' must be > 0"),
@@ -465,7 +467,7 @@ class Hostile(Case):
             for scalar in ("double", "float"):
                 self.refused(tried(five, change, "--scalar", scalar), "stdin:1: case '" + five["id"] + "'", words)
         self.refused(tried(rr, law("k", -1)), "'esmc.k'")
-        for change in (lambda c: None, lambda c: c["esmc"].pop("eps"), lambda c: c["state"].pop("theta") and c["state"].pop("thetad")):
+        for change in (lambda c: None, lambda c: c["esmc"].pop("eps"), lambda c: c["state"].pop("theta"), lambda c: c["state"].pop("theta") and c["state"].pop("thetad")):
             self.assertEqual(tried(five, change).returncode, 0)
 
     def test_eval_documents(self):

@@ -110,6 +110,7 @@ class Scenes(Case):
     def test_entries_in_brackets_are_told_how_they_are_named(self):
         for value in ("drives.nodes[1]=4", "drives.nodes[0]=[4]", 'effects[0].type="noise"'):
             self.says(CIRCLE, value, words=[f"--set {value}: ", "an entry is named by its number from 1 or by its type"])
+        self.says(CIRCLE, "effects.encoder.bits=18", words=["--set effects.encoder.bits=18: the scene has no effects", 'effects=[{type="encoder"}]'])
 
     def test_another_type_or_start_drops_the_keys_of_the_former(self):
         self.runs(CIRCLE, "initial.position=[0, 0.2]", "reference.type=hold")
@@ -174,6 +175,10 @@ class Scenes(Case):
         self.assertEqual(json.loads(again.stdout)["digest"], json.loads(first.stdout)["digest"])
         esmc("sim", CIRCLE, "--out", out)
         self.assertFalse((out / "scene_reference.csv").exists())
+        marked = b"\xef\xbb\xbf" + (self.tmp / "p.csv").read_bytes()  # as spreadsheets write it
+        (self.tmp / "p.csv").write_bytes(marked)
+        self.assertEqual(esmc("sim", scene, "--out", out).returncode, 0)
+        self.assertEqual((out / "scene_reference.csv").read_bytes(), marked)
         (self.tmp / "p.csv").write_text("t,x,y\n0,0,0.2\n0.02,0.001,0.2\n")
         self.says(scene, words=["p.csv:2: three or more points"])
 

@@ -191,6 +191,25 @@ class Verdicts(Case):
     def margins(self, *values):
         return self.document("margins", CIRCLE, *sets(*values))
 
+    def test_loads_of_a_pose(self):
+        """A hand that begins with the run, and what comes later to a pose that is held. sim ends in a fault each time."""
+        held = ["control.law=ctc", "control.torque_limit=100", 'reference={type="hold", position=[0.35, 0.1]}']
+        hand = '{{type="external_force", kind="human", anchor=[0.35, 0.1], stiffness=1e5, damping=0.0{}}}, {{type="compute_delay", time=0.003}}'
+        for effects, poses in ((hand.format(""), 1), (hand.format(", from=1.0"), 2), ('{type="payload", mass=8.0, from=1.0}', 2)):
+            values = [*held, f"effects=[{effects}]"]
+            self.assertEqual(esmc("sim", ARM, *sets(*values)).returncode, 1)
+            m = self.document("margins", ARM, *sets(*values))
+            self.assertEqual((m["worst"]["stable"], len(m["poses"])), (False, poses), effects)
+            self.judged(values, "error", "loop_rings", scene=ARM)
+
+    def test_dry_friction_that_is_rounded(self):
+        """At rates below regularised it takes less than all of it."""
+        def most(effect):
+            return self.check(ARM, f"effects=[{effect}]")["margins"]["max_torque_nm"][0]
+        rounded, dry, none = most('{type="coulomb_friction", torque=[3.0, 1.0], regularised=100.0}'), most('{type="coulomb_friction", torque=[3.0, 1.0]}'), most("")
+        self.assertLess(rounded - none, 0.1 * (dry - none))
+        self.assertAlmostEqual(most('{type="coulomb_friction", torque=[3.0, 1.0], regularised=1e-6}'), dry, delta=1e-3)
+
     def test_margins_of_loops_that_are_known(self):
         """Two integrators under 2 lambda e' + lambda^2 e, held over a tick T, ring at half the sample rate with 1 / (lambda T) times the gain."""
         for rate in (500, 1000):

@@ -371,6 +371,12 @@ class Operate(Bench):
             self.refused(str(file), "points", code=2, options=keep)
         self.good("halt", options=keep)  # whatever the file says
         self.assertEqual(self.status()["state"], "disabled")
+        file.unlink()
+        self.plant.kill()
+        begin = len(self.ear.statuses)
+        self.ear.wait(lambda: len(self.ear.statuses) > begin + 20, "Status")  # its samples are too old by now
+        self.refused("not_now: the controller has no pose", "teach", "gone", options=keep)
+        self.assertFalse(file.exists())
         self.refused("points are kept", "teach", "here", code=2, scene=False)
 
     def lost(self, ticks):
@@ -600,6 +606,8 @@ class Homing(Bench):
         self.assertFalse(first["zero_known"])
         self.assertIn("zero not confirmed", self.good("status"))
         self.assertTrue(all(abs(j["angle"]) < 1e-5 for j in first["joints"]), first)
+        self.assertIsNone(first["effector"])
+        self.refused("not_now: the controller has no pose", "teach", "nowhere", options=["--points", str(Path(self.folder.name, "mine.toml"))])
         self.refused("zero_not_confirmed", "arm")
         self.good("reset")
 

@@ -336,6 +336,9 @@ class Studies(unittest.TestCase):
         scene = short()
         given = types.MappingProxyType({"control.gain": range(90, 94)})
         np.testing.assert_array_equal(esmc.rollout(scene, given)["rms_m"], esmc.rollout(scene, {"control.gain": [90, 91, 92, 93]})["rms_m"])
+        quantised = short().set("effects", [{"type": "encoder", "bits": 12}])
+        np.testing.assert_array_equal(esmc.rollout(quantised, {"effects.encoder.bits": list(np.arange(12, 14))})["rms_m"],
+                                      esmc.rollout(quantised, {"effects.encoder.bits": [12, 13]})["rms_m"])
         state = types.MappingProxyType({"theta": (0.9, 1.1)})
         np.testing.assert_array_equal(esmc.model(scene, state)["model"]["H"], esmc.model(scene, dict(state))["model"]["H"])
         for text in ("ab", b"ab"):
