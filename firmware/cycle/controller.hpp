@@ -231,15 +231,20 @@ class Controller {
     return join_feasible() ? Fault::none : Fault::join_infeasible;
   }
 
-  /// Checks one of `outlook` points of the joining motion per tick, so that all of it is known early: speed
-  /// and acceleration of the base joints, and torque.
+  static constexpr std::uint32_t outlook = 16;
+  /// Checks one of `outlook` points of the joining motion per tick, so that all of it is known early, of
+  /// fewer ticks all in the first one: speed and acceleration of the base joints, and torque.
   [[nodiscard]] bool join_feasible() const {
-    constexpr std::uint32_t outlook = 16;
-    if (setpoints_.active() || config_.join_ticks == 0 || running_tick_ >= outlook ||
-        running_tick_ >= config_.join_ticks)
-      return true;
-    return within_limits_at(
-        static_cast<std::uint32_t>(config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
+    if (setpoints_.active() || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
+    return config_.join_ticks < outlook ? short_join_feasible()
+                                        : within_limits_at(static_cast<std::uint32_t>(
+                                              config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
+  }
+  [[nodiscard, gnu::noinline, gnu::cold]] bool short_join_feasible() const {
+    bool feasible = true;
+    for (std::uint32_t n = 1; running_tick_ == 0 && n < config_.join_ticks; ++n)
+      feasible = feasible && within_limits_at(n);
+    return feasible;
   }
   [[nodiscard, gnu::noinline, gnu::cold]] bool within_limits_at(std::uint32_t ahead) const {
     Desired<M> d;
@@ -525,6 +530,7 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     stop_trajectory_.end();
     sign_test_.reset();
     memory_.reset();
+    if (supervisor.state() == State::enabling) odd_encoder_ = 0;
   }
   out.running_tick = running_tick_;
   bool acted = false;

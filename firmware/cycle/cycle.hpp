@@ -72,7 +72,8 @@ class Cycle {
         samples_timed_(config.samples_timed),
         link_(config.link),
         delay_ticks_(config.delay_ticks),
-        homing_(config.homing, config.controller.sample_time, config.controller.halt_ticks),
+        homing_(config.homing, config.controller.sample_time, config.controller.halt_ticks,
+                config.controller.limits.joint_speed),
         motors_(places(config.controller.motor_count())),
         sensors_(places(config.controller.sensor_count())),
         limits_fit_all_shafts_(motors_that_can_carry(config.controller.torque_limit) == motors_.count),
@@ -248,7 +249,10 @@ class Cycle {
     if (link_.active()) {
       // A frame that waited while the program stood still is old.
       const link::Outcome o = link_.receive(
-          f, static_cast<std::uint32_t>(std::min(age / controller_.config().sample_time, S(1e6F))));
+          f, static_cast<std::uint32_t>(std::min(age / controller_.config().sample_time, S(1e6F))),
+          [&](const std::array<float, 2>& p) {
+            return controller_.reachable({S(p[0]), S(p[1])});
+          });
       if (o == link::Outcome::foreign_command) bus_events_ |= foreign_command;
       if (o != link::Outcome::not_mine) return;
     }

@@ -7,7 +7,7 @@
 namespace esmc {
 
 /// Applies gains, path rate and set points of the link to the controller, and returns the command for the
-/// next Supervisor::begin_tick(). A set point out of reach is refused. delay_ticks: see set_gains.
+/// next Supervisor::begin_tick(). delay_ticks: see set_gains.
 template <class M>
 Command apply_requests(link::CommandLink& link, Controller<M>& controller, typename M::Scalar delay_ticks) {
   using S = typename M::Scalar;
@@ -19,18 +19,12 @@ Command apply_requests(link::CommandLink& link, Controller<M>& controller, typen
   if (r.has_rate) controller.path_rate().want(r.percent);
   if (r.hold) setpoints.hold();
   if (r.has_sample) setpoints.follow(vec(r.position), vec(r.velocity));
-  if (r.has_point) {
-    if (controller.reachable(vec(r.position))) {
-      setpoints.go_to(vec(r.position));
-    } else {
-      link.refuse();
-    }
-  }
+  if (r.has_point) setpoints.go_to(vec(r.position));
   return r.command;
 }
 
-/// Telemetry of a tick, SI units. `error`: desired minus actual effector, 0 except in running. `axis`: the
-/// encoder that contradicts the others, on loop_not_closed. The caller adds a drive's axis and error code.
+/// Telemetry of a tick, SI units. `error`: desired minus actual effector, 0 except in running. The caller
+/// adds a drive's axis and error code.
 template <class M>
 [[nodiscard]] link::Report report_of(const Controller<M>& controller, const TickResult<M>& t,
                                      const Sample<M>& sample) {
@@ -45,7 +39,7 @@ template <class M>
   // Encoders are counted as drives: motors first, base joints before passive ones.
   if (t.fault == Fault::loop_not_closed && controller.odd_encoder() != 0) {
     const int joint = controller.odd_encoder() - 1, step = M::joints / c.motor_count();
-    r.axis = static_cast<std::uint8_t>(joint % step == 0 ? joint / step : c.motor_count() + joint / step);
+    r.encoder = static_cast<std::uint8_t>(joint % step == 0 ? joint / step : c.motor_count() + joint / step);
   }
   for (int i = 0; i < 2; ++i) {
     r.effector[static_cast<unsigned>(i)] = static_cast<float>(t.effector[i]);

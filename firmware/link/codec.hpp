@@ -139,13 +139,15 @@ constexpr void put_float(Frame& f, unsigned at, float v) {
 /// An order, and the sign of life.
 struct CommandFrame {
   Order order = Order::none;
-  std::uint8_t percent = 0;      ///< for override, 0 to 100; else 0: the receiver checks both
+  std::uint8_t percent = 0;      ///< for override, 0 to 100; else 0
   std::uint16_t tick = 0;        ///< of the last Status received, its low 16 bits
   std::uint16_t parameters = 0;  ///< low half of the CRC-32 of the table that the operator knows
 };
-/// Decodes an order; empty: unknown, or a reserved bit is set. The caller checks identifier, size, intact().
+/// Decodes an order; empty: unknown, a reserved bit is set, or `percent` is not one of the order. The caller
+/// checks identifier, size, intact().
 [[nodiscard]] constexpr std::optional<CommandFrame> decode_command(const hal::CanFrame& f) {
   if ((f.data[1] >> 4U) != 0 || !is_order(f.data[2])) return std::nullopt;
+  if (f.data[3] > (static_cast<Order>(f.data[2]) == Order::override ? 100 : 0)) return std::nullopt;
   return CommandFrame{static_cast<Order>(f.data[2]), f.data[3],
                       static_cast<std::uint16_t>(get_field(f, 4, 2)),
                       static_cast<std::uint16_t>(get_field(f, 6, 2))};

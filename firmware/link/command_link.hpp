@@ -50,13 +50,18 @@ class CommandLink {
   }
 
   /// Checks a frame, stores its request for take(), and counts the outcome. `waited`: ticks from its arrival
-  /// to this call, below 2^31.
+  /// to this call, below 2^31. `reachable`: whether the mechanism has a pose at the position of a set point
+  /// (finite); where not, the frame is refused and has no effect.
   Outcome receive(const hal::CanFrame& f, std::uint32_t waited = 0) {
+    return receive(f, waited, [](const std::array<float, 2>&) { return true; });
+  }
+  template <class Reachable>
+  Outcome receive(const hal::CanFrame& f, std::uint32_t waited, Reachable&& reachable) {
     waited_ticks_ = waited;
     if (!active() || f.extended || f.id - config_.base_id >= block_size) return Outcome::not_mine;
     const auto m = static_cast<std::uint8_t>(f.id - config_.base_id);
     if (m >= outgoing_first) return f.remote ? Outcome::not_mine : Outcome::foreign_command;
-    const Outcome o = m < incoming_count ? judge(f, m) : Outcome::malformed;
+    const Outcome o = m < incoming_count ? judge(f, m, reachable) : Outcome::malformed;
     count(o);
     return o;
   }
@@ -89,7 +94,7 @@ class CommandLink {
   void late_by(std::uint32_t us) { lateness_us_ = us; }
   void offer_homing(bool offered) { homes_ = offered; }         ///< sets whether `home` is obeyed
   void zero_unknown(bool unknown) { zero_unknown_ = unknown; }  ///< sets Status::zero_unknown
-  /// Counts a refused frame: the caller could not follow a set point or an order that take() gave.
+  /// Counts a refused frame: the caller could not follow an order that take() gave.
   void refuse() { count(Outcome::refused); }
 
   /// True if no sign of life, which is a Command in order, no older than `order_age`, or an obeyed set point
@@ -111,7 +116,7 @@ class CommandLink {
   void transmit(const Supervisor& s, const Report& r, Send&& send) {
     change_state(s.state());
     if (capture_.active()) capture(s, r);
-    faults_.update(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r.axis, r.drive_error);
+    faults_.update(s, static_cast<std::uint32_t>(tick_ * config_.period_ns / 1000U), r);
     status_due_ = due(since_status_, config_.status_ticks) || status_due_;
     if (due(since_telemetry_, config_.telemetry_ticks) && unsent_ == 0) {
       telemetry_report_ = r;
@@ -142,7 +147,8 @@ class CommandLink {
 
   // ---- to the controller
 
-  Outcome judge(const hal::CanFrame& f, std::uint8_t m) {
+  template <class Reachable>
+  Outcome judge(const hal::CanFrame& f, std::uint8_t m, Reachable& reachable) {
     if (f.size != 8 || f.remote || f.fd) return Outcome::malformed;
     const auto message = static_cast<Message>(m);
     const bool of_before = !intact(f, session_) && waited_ticks_ < grace_ && intact(f, before(session_));
@@ -150,7 +156,12 @@ class CommandLink {
       return message == Message::command && intact(f, any_session) ? without_session(f) : Outcome::bad_crc;
     }
     const bool in_order = ahead(m, counter_of(f));
-    if (in_order) last_[m] = counter_of(f);
+    const Outcome o = obey(f, message, in_order, of_before, reachable);
+    if (in_order && o != Outcome::malformed) last_[m] = counter_of(f);
+    return o;
+  }
+  template <class Reachable>
+  Outcome obey(const hal::CanFrame& f, Message message, bool in_order, bool of_before, Reachable& reachable) {
     if (message == Message::command) {
       const auto c = decode_command(f);
       if (!c) return Outcome::malformed;
@@ -162,7 +173,7 @@ class CommandLink {
     if (!in_order) return Outcome::bad_counter;
     switch (message) {
       case Message::set_point:
-        return alive_if_obeyed(set_point(decode_pair(f, position_unit)));
+        return alive_if_obeyed(set_point(decode_pair(f, position_unit), reachable));
       case Message::stream_position:
         return position(f);
       case Message::stream_velocity:
@@ -188,7 +199,7 @@ class CommandLink {
   /// From a sender without the session: only orders that take torque away.
   Outcome without_session(const hal::CanFrame& f) {
     const auto c = decode_command(f);
-    if (!c || !takes_away(c->order) || c->percent != 0) return Outcome::refused;
+    if (!c || !takes_away(c->order)) return Outcome::refused;
     return order(*c);
   }
 
@@ -198,7 +209,6 @@ class CommandLink {
   }
   /// `of_before`: it has the session before, so its Status must have had that one, too.
   Outcome order(const CommandFrame& c, bool of_before = false) {
-    if (c.percent > (c.order == Order::override ? 100 : 0)) return Outcome::malformed;
     if (c.order == Order::none) return Outcome::obeyed;
     if (takes_away(c.order)) {
       // A disarm does not replace an off of the same tick.
@@ -280,10 +290,11 @@ class CommandLink {
     return Outcome::obeyed;
   }
   /// The reference along its path: a percentage of its speed, also for the next start; 0: hold, only while
-  /// it leads.
+  /// it leads, which an order of the same tick does not undo.
   Outcome pace(std::uint8_t percent) {
     const bool leads = state_ == State::running && source_ == Source::reference;
     if (!config_.has_path || !(leads || (state_ == State::disabled && percent > 0))) return Outcome::refused;
+    if (request_.has_rate && request_.percent == 0) return Outcome::refused;
     held_ = percent == 0;
     if (!held_) percent_ = percent;
     request_.has_rate = true;
@@ -307,9 +318,11 @@ class CommandLink {
     return {a[0] - b[0], a[1] - b[1]};
   }
 
-  Outcome set_point(const std::optional<Pair>& p) {
+  template <class Reachable>
+  Outcome set_point(const std::optional<Pair>& p, Reachable& reachable) {
     if (!p) return Outcome::malformed;
     if (!guided() || p->space != config_.space || !within(p->value)) return Outcome::refused;
+    if (!reachable(p->value)) return Outcome::refused;
     end_stream();
     request_.hold = request_.has_sample = false;
     request_.has_point = true;

@@ -4,21 +4,22 @@
 #include <array>
 #include <cstdint>
 
-#include "firmware/link/codec.hpp"
+#include "firmware/link/link_types.hpp"
 
 namespace esmc::link {
 
 /// One record per fault: number of occurrences; time, motor and drive error of the last one.
 class FaultMemory {
  public:
-  /// Records and queues faults that are new in this tick; call once per tick. `time_us`: since power-up.
-  /// `axis`, `drive_error`: of a drive that reports an error.
-  void update(const Supervisor& s, std::uint32_t time_us, std::uint8_t axis, std::uint32_t drive_error) {
+  /// Records and queues faults that are new in this tick; call once per tick. `time_us`: since power-up. Of
+  /// `report` axis, drive_error and encoder count.
+  void update(const Supervisor& s, std::uint32_t time_us, const Report& report) {
     for (unsigned i = 1; i < count; ++i) {
       FaultRecord& r = records_[i];
       const std::uint16_t n = s.count(r.fault = static_cast<Fault>(i));
       if (n == r.count) continue;
-      r = {r.fault, axis, n, time_us, drive_error};
+      const bool of_encoder = r.fault == Fault::loop_not_closed && report.axis == no_axis;
+      r = {r.fault, of_encoder ? report.encoder : report.axis, n, time_us, report.drive_error};
       pending_[i] = true;
       if (i == detail_of_) detail_of_ = 0;  // the record that was sent is no longer the present one
     }

@@ -61,8 +61,9 @@ struct Report {
   std::array<float, 2> effector{}, error{};         ///< m
   std::array<float, joints_max> angle{}, torque{};  ///< rad, N m
   std::uint8_t joints = 0;                          ///< entries of `angle` and `torque` that are used
-  std::uint8_t axis = no_axis;    ///< motor with a drive error, or the encoder that contradicts the others
-  std::uint32_t drive_error = 0;  ///< error code of that drive
+  std::uint8_t axis = no_axis;                      ///< motor with a drive error
+  std::uint8_t encoder = no_axis;                   ///< that contradicts the others, on loop_not_closed
+  std::uint32_t drive_error = 0;                    ///< error code of that drive
 };
 
 }  // namespace esmc::link

@@ -179,15 +179,20 @@ class ControllerEnd {
   void stop() {
     with_cycle([](auto& c) { c.command(Command::stop); });
   }
-  /// Orders zero torque and idle drives and ticks until every drive reports idle, within
-  /// drives.heartbeat_timeout (0.05 to 1 s). `next` waits for the next tick; false: there is none.
+  /// Orders zero torque and idle drives and ticks until every drive reports idle, no frame has come for
+  /// drives.heartbeat_timeout (0.05 to 1 s), or a second is over. `next` waits for the next tick; false:
+  /// there is none.
   void shut_down(const std::function<bool()>& next) {
     stop();
     tick(true);
     bool more = true;
-    for (int n = 0; more && !at_rest() && n < shutdown_ticks_; ++n) {
+    const auto most = static_cast<int>(std::max(scene_.rate_hz, 1.0 * shutdown_ticks_));
+    auto heard = received();
+    for (int n = 0, silent = 0; more && !at_rest() && silent < shutdown_ticks_ && n < most; ++n) {
       more = next();
       tick(true);
+      silent = received() == heard ? silent + 1 : 0;
+      heard = received();
     }
   }
   /// shut_down(next), where each tick waits at most 20 ms for the samples of the other end.
@@ -200,6 +205,10 @@ class ControllerEnd {
   }
 
  private:
+  /// Frames of drives so far.
+  [[nodiscard]] auto received() const {
+    return with_cycle([](const auto& c) { return c.counters().received; });
+  }
   static constexpr double captured_s = 2.0;  ///< the last ticks, kept for a console
   [[nodiscard]] bool at_rest() const {
     return (supervisor().state() == State::disabled || supervisor().state() == State::fault) &&

@@ -79,7 +79,10 @@ void read_command(Section s, Scene& scene) {
   // controller, and no default may keep a mechanism in motion for longer.
   const double status = std::min(c.status_ticks * scene.tick(), 5.0);
   c.timeout = s.optional_number("timeout").value_or(c.arm_by_link ? std::max(1.0, 3.0 * status) : 0.0);
-  c.order_age = s.optional_number("order_age").value_or(std::max(0.5, 2.0 * status));
+  const double longest = 32767.0 * scene.tick();  // an order carries 16 bits of the tick
+  c.order_age = s.optional_number("order_age").value_or(std::min(std::max(0.5, 2.0 * status), longest));
+  if (c.order_age > longest * (1.0 + 1e-9))
+    s.fail("order_age", "must be at most 32767 ticks, {:g} s", longest);
   const double most = CommandScene::jerk_ticks_max * scene.tick();
   c.jerk_time = s.optional_number("jerk_time").value_or(std::min(0.02, most));
   if (c.jerk_time > most * (1.0 + 1e-9))

@@ -42,7 +42,9 @@ TEST(LinkCodec, Orders) {
   EXPECT_FALSE(order(0x10, 1, 0));
   EXPECT_EQ(order(0, 11, 0)->order, Order::home);
   EXPECT_FALSE(order(0, 12, 0));
-  EXPECT_EQ(order(0, 19, 0x80)->percent, 0x80) << "what it means the link judges";
+  EXPECT_EQ(order(0, 19, 100)->percent, 100) << "override";
+  EXPECT_FALSE(order(0, 19, 101));
+  EXPECT_FALSE(order(0, 20, 1)) << "no other order has a percentage";
   EXPECT_TRUE(order(0, 20, 0));
   EXPECT_FALSE(order(0, 18, 0));
   EXPECT_FALSE(order(0, 21, 0));

@@ -525,7 +525,7 @@ struct Faults {
   Faults() { supervisor.begin_tick(Command::enable, {}); }
   void raise(Fault f) {
     supervisor.raise(f);
-    memory.update(supervisor, 1, no_axis, 0);
+    memory.update(supervisor, 1, report);
   }
   bool send(bool taken = true) {
     return memory.transmit(0x780, supervisor.fault(), [&](const hal::CanFrame& f) {
@@ -541,6 +541,7 @@ struct Faults {
   }
   Supervisor supervisor;
   FaultMemory memory;
+  Report report;
   std::vector<std::array<unsigned, 2>> heard;
 };
 using Sent = std::vector<std::array<unsigned, 2>>;
@@ -560,6 +561,21 @@ TEST(FaultMemoryEdges, EveryFaultHasARecordAndADetail) {
     EXPECT_EQ(m.all(), expected) << "the end mark last";
     m.supervisor.begin_tick(Command::reset, {});
   }
+}
+
+TEST(FaultMemoryEdges, AnEncoderIsBlamedForTheLoopOnly) {
+  Faults m;
+  m.report.encoder = 1;
+  std::vector<unsigned> axis;
+  for (const Fault f : {Fault::loop_not_closed, Fault::emergency_stop}) {
+    m.raise(f);
+    (void)m.memory.transmit(0x780, f, [&](const hal::CanFrame& frame) {
+      axis.push_back(frame.data[1]);
+      return true;
+    });
+    (void)m.all();
+  }
+  EXPECT_EQ(axis, (std::vector<unsigned>{1, no_axis}));
 }
 
 TEST(FaultMemoryEdges, TheLatchedFaultIsSentFirstAndWithItsDetail) {

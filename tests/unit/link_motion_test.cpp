@@ -47,6 +47,57 @@ TEST(Link, SetPointsWithinTheirBounds) {
   EXPECT_EQ(b.link.counters().refused, 7);
 }
 
+/// Neither for a stream that is going on, nor as a sign of life.
+TEST(Link, APointOutOfReachHasNoEffect) {
+  const auto nowhere = [](const std::array<float, 2>&) { return false; };
+  LinkBench b;
+  b.run();
+  b.tick(b.sample(0, 170'000, 0, 0));
+  EXPECT_EQ(b.link.receive(b.desk.pair(Desk::point, 0, 170'000), 0, nowhere), Outcome::refused);
+  EXPECT_TRUE(b.tick(b.sample(10, 170'000, 0, 0)).has_sample) << "the stream goes on";
+  for (int n = 0; n < 60; ++n) {
+    (void)b.link.receive(b.desk.pair(Desk::point, 0, 170'000), 0, nowhere);
+    EXPECT_FALSE(b.tick().has_point);
+  }
+  EXPECT_EQ(b.supervisor.fault(), Fault::command_lost) << "and is missed when it ends";
+  LinkBench c(with_silence(20));
+  c.run();
+  for (int n = 0; n < 30; ++n) {
+    (void)c.link.receive(c.desk.pair(Desk::point, 0, 170'000), 0, nowhere);
+    c.tick();
+  }
+  EXPECT_EQ(c.supervisor.fault(), Fault::command_lost);
+  LinkBench d;
+  d.run();
+  EXPECT_EQ(d.link.receive(d.desk.order(Desk::hold), 0, nowhere), Outcome::obeyed);
+  EXPECT_EQ(d.link.receive(d.desk.pair(Desk::point, 0, 170'000), 0, nowhere), Outcome::refused);
+  EXPECT_TRUE(d.tick().hold);
+}
+
+/// Neither as a sign of life, nor for the counter of the frames after it.
+TEST(Link, AFrameWithoutMeaningHasNoEffect) {
+  LinkBench b(with_silence(20));
+  b.run();
+  for (int n = 0; n < 30; ++n) b.tick({b.desk.order(Desk::none, 7)});
+  EXPECT_EQ(b.supervisor.fault(), Fault::command_lost);
+  LinkBench c;
+  c.run();
+  const auto good = c.desk.order(Desk::none), bad = c.desk.order(Desk::none, 7);
+  EXPECT_EQ(c.one(bad), Outcome::malformed);
+  EXPECT_EQ(c.one(good), Outcome::obeyed);
+}
+
+TEST(Link, HoldIsNotUndoneInItsTick) {
+  LinkBench b;
+  b.run(Desk::reference);
+  const Request r =
+      b.tick({b.desk.order(Desk::hold), b.desk.order(Desk::resume), b.desk.order(Desk::override_speed, 50)});
+  EXPECT_EQ(b.outcomes, (std::vector{Outcome::obeyed, Outcome::refused, Outcome::refused}));
+  EXPECT_TRUE(r.has_rate);
+  EXPECT_EQ(r.percent, 0);
+  EXPECT_EQ(b.one(b.desk.order(Desk::resume)), Outcome::obeyed);
+}
+
 TEST(Link, ASampleIsAPositionAndItsVelocity) {
   LinkBench b;
   b.run();
