@@ -320,7 +320,7 @@ TEST(HomingByItself, ABrakeEndsAtRestOrFails) {
     EXPECT_EQ(h.at_rest(), rests) << rate;
   }
   for (const auto& [halt_ticks, most] : {std::pair{100U, 400}, {5U, 40}}) {
-    h = esmc::Homing<double>(binary(), binary_tick, halt_ticks);
+    h = esmc::Homing<double>(binary(), binary_tick, halt_ticks, 1e3);
     for (int n = 0; n < 1000; ++n) ASSERT_EQ(h.brake(none, torque), Fault::none);
     for (int n = 0; n < most; ++n) ASSERT_EQ(h.brake({0.2, 0.0}, torque), Fault::none) << n;
     EXPECT_EQ(h.brake({0.2, 0.0}, torque), Fault::halt_failed);

@@ -567,7 +567,10 @@ TEST(FaultMemoryEdges, AnEncoderIsBlamedForTheLoopOnly) {
   Faults m;
   m.report.encoder = 1;
   std::vector<unsigned> axis;
-  for (const Fault f : {Fault::loop_not_closed, Fault::emergency_stop}) {
+  for (const Fault f : {Fault::loop_not_closed, Fault::emergency_stop, Fault::loop_not_closed}) {
+    m.report.axis = axis.size() < 2 ? no_axis : 0;  // a drive says more
+    m.supervisor.begin_tick(Command::reset, {});
+    m.supervisor.begin_tick(Command::enable, {});
     m.raise(f);
     (void)m.memory.transmit(0x780, f, [&](const hal::CanFrame& frame) {
       axis.push_back(frame.data[1]);
@@ -575,7 +578,7 @@ TEST(FaultMemoryEdges, AnEncoderIsBlamedForTheLoopOnly) {
     });
     (void)m.all();
   }
-  EXPECT_EQ(axis, (std::vector<unsigned>{1, no_axis}));
+  EXPECT_EQ(axis, (std::vector<unsigned>{1, no_axis, 0}));
 }
 
 TEST(FaultMemoryEdges, TheLatchedFaultIsSentFirstAndWithItsDetail) {

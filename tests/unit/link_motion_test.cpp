@@ -96,6 +96,8 @@ TEST(Link, HoldIsNotUndoneInItsTick) {
   EXPECT_TRUE(r.has_rate);
   EXPECT_EQ(r.percent, 0);
   EXPECT_EQ(b.one(b.desk.order(Desk::resume)), Outcome::obeyed);
+  EXPECT_EQ(b.tick({b.desk.order(Desk::override_speed, 50), b.desk.order(Desk::override_speed, 40)}).percent,
+            40);
 }
 
 TEST(Link, ASampleIsAPositionAndItsVelocity) {
