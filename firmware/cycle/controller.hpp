@@ -242,7 +242,7 @@ class Controller {
   }
   [[nodiscard, gnu::noinline, gnu::cold]] bool short_join_feasible() const {
     bool feasible = true;
-    for (std::uint32_t n = 1; running_tick_ == 0 && n < config_.join_ticks; ++n)
+    for (std::uint32_t n = 0; running_tick_ == 0 && n < config_.join_ticks; ++n)
       feasible = feasible && within_limits_at(n);
     return feasible;
   }

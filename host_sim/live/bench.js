@@ -6,7 +6,10 @@
   let send = () => {}, now = null, scene = null, stale = true, strips = [], kept = null, answerTimer = 0;
 
   const say = (message) => send(message);
-  const drawing = new Drawing(byId("mechanism"), ({ at, push, strong }) => { wanted.hand = { at, push, strong }; });
+  const drawing = new Drawing(byId("mechanism"), ({ at, push, strong }) => {
+    wanted.hand = { at, push, strong };
+    if (!at && !push) tellHand();  // at once: a hidden page draws no more pictures
+  });
   const control = new ControlPanel(byId("control"), say), effects = new EffectsPanel(byId("effects"), byId("add"), say);
   const faults = new FaultsPanel(byId("faults"), byId("end"), say), keys = new KeysPanel(byId("set"), byId("given"), byId("sets"), say);
   const events = new EventsPanel(byId("events"));

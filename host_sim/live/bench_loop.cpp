@@ -106,10 +106,10 @@ class Session final : public PlantOnBus<Traits> {
          o.what + (s == State::disabled && !start_ ? ": in force" : ": halt, new controller, start"));
   }
   void home(const char* why) {
-    if (next_) scene_ = next_->scene;
+    if (next_) this->use(next_->scene);
     next_.reset();
     this->diverged_ = false;
-    this->run_ticks_ = 0;
+    this->restart_run_time();
     this->digest_ = {};
     build(initial_state<Traits>(*scene_));
     start_ = true;
@@ -124,7 +124,7 @@ class Session final : public PlantOnBus<Traits> {
     if ((next_ || start_) && (s == State::holding || s == State::lowering)) command(Command::stop);
     if (s != State::disabled) return;
     if (next_) {
-      scene_ = next_->scene;
+      this->use(next_->scene);
       build(next_->takes == RestartLevel::home ? initial_state<Traits>(*scene_) : this->resting());
       next_.reset();
     }

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -58,12 +59,14 @@ class Runner {
       session_.tick();
     } catch (const Interrupted&) {
       throw;
+    } catch (const BusGone&) {
+      throw;
     } catch (const std::runtime_error& e) {
       session_.fail(e.what());
     }
-    // A page plots no more than 1000 points a second.
-    const auto stride =
-        std::max<std::uint64_t>(1, static_cast<std::uint64_t>(session_.scene().rate_hz / 1000.0));
+    // A page plots no more than 1000 points a second. An odd stride shows a torque that alternates from tick
+    // to tick as it is.
+    const auto stride = static_cast<std::uint64_t>(std::ceil(session_.scene().rate_hz / 1000.0)) | 1U;
     if (const std::uint64_t n = session_.ticks(); n != shown_ && n % stride == 0) {
       shown_ = n;
       if (!exchange_.samples.push(LiveSample(session_.sample()))) ++counts_.dropped;
@@ -88,7 +91,7 @@ Json summary(const LiveSession& session, const Runner& runner, const LiveApi::Lo
   for (const LiveEvent& e : runner.faults())
     faults.push_back({{"t", e.t}, {"fault", e.text.substr(0, e.text.find(':'))}});
   return {{"scene", printable(session.scene().name)},
-          {"duration_s", static_cast<double>(session.ticks()) * session.scene().tick()},
+          {"duration_s", session.now()},
           {"ticks", session.ticks()},
           {"late_ticks", loop.late.load()},
           {"final_state", session.sample().state},

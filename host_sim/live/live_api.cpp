@@ -47,6 +47,17 @@ std::vector<std::string> texts(const Json& j) {
   return out;
 }
 
+/// The scene alone: files that it names are where they were.
+std::string scene_text(const Scene& scene) {
+  std::string out = scene.toml;
+  for (const auto& [copy, text, original] : scene.companions) {
+    const std::string name = "'" + std::string(copy) + "'";
+    const std::string place = "'''" + std::filesystem::absolute(original).string() + "'''";
+    if (const std::size_t at = out.find(name); at != std::string::npos) out.replace(at, name.size(), place);
+  }
+  return out;
+}
+
 /// Names of the columns of log.csv, the state last.
 std::vector<std::string> sample_columns(const Scene& scene) {
   const auto joints = joint_names(scene.type);
@@ -175,7 +186,9 @@ class Page final : public Client {
       throw InputError("", fmt::format("drive: 1 to {}", scene.motors()));
     }
     Injection o = usual_injection(*row, static_cast<std::size_t>(drive) - 1);
-    if (j.contains("ms") && !j["ms"].is_null()) {
+    if (j.contains("ms") && j["ms"].is_null()) {
+      o.length = for_ever;
+    } else if (j.contains("ms")) {
       o.length = static_cast<int>(
           std::clamp(std::round(number(j["ms"]) * 1e-3 * scene.rate_hz), 1.0, double{for_ever}));
     }
@@ -295,7 +308,7 @@ std::unique_ptr<Served> LiveApi::download(std::string_view path) {
   if (path == "/log.csv") return std::make_unique<Served>(Served{"text/csv; charset=utf-8", log_csv()});
   if (path == "/log.mcap") return std::make_unique<Served>(Served{"application/octet-stream", log_mcap()});
   if (path == "/scene.toml")
-    return std::make_unique<Served>(Served{"application/toml; charset=utf-8", scene_->toml});
+    return std::make_unique<Served>(Served{"application/toml; charset=utf-8", scene_text(*scene_)});
   return nullptr;
 }
 

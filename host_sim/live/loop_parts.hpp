@@ -39,7 +39,7 @@ class PlantOnBus : public LiveSession {
   /// The mechanism goes on with other effects.
   void change_effects(const SceneOrder& o) {
     plant_->set_motion(make_motion<Traits>(*o.scene, plant_->motion().state(), &hand_), *o.scene);
-    scene_ = o.scene;
+    use(o.scene);
     emit("scene", o.what + ": from now on; states of effects begin anew");
   }
   /// The drives' reports and the frames of other nodes.
@@ -51,8 +51,7 @@ class PlantOnBus : public LiveSession {
   }
   /// Moves the mechanism over `seconds` from the part of the tick that has begun.
   void advance(double seconds) {
-    const double begin = static_cast<double>(run_ticks_) * scene_->tick();
-    if (plant_->released() && !diverged_) plant_->advance(begin + part_ * scene_->tick(), seconds);
+    if (plant_->released() && !diverged_) plant_->advance(run_time() + part_ * scene_->tick(), seconds);
   }
   void end_tick() {
     if (plant_->released()) ++run_ticks_;

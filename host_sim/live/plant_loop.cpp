@@ -40,7 +40,7 @@ class PlantSession final : public PlantOnBus<Traits> {
 
   void home() {
     this->build(initial_state<Traits>(*scene_), false);
-    this->run_ticks_ = 0;
+    this->restart_run_time();
     this->diverged_ = false;
   }
   void take(LiveCommand c) override {
@@ -65,7 +65,7 @@ class PlantSession final : public PlantOnBus<Traits> {
     bus_->taken();
     while (bus_->try_receive(f)) (void)real_.try_send(f);  // what does not fit is lost, as on any bus
     real_.flush();
-    if (is_gone(real_)) throw RunError(gone_text);
+    if (is_gone(real_)) throw BusGone();
   }
   void update_sample() {
     const bool armed = plant_->closed_loop(), failed = plant_->failed();

@@ -187,6 +187,10 @@ class LiveSession {
   /// Ticks since the session began, and those of them that are in the digest.
   [[nodiscard]] std::uint64_t ticks() const { return ticks_; }
   [[nodiscard]] std::uint64_t run_ticks() const { return run_ticks_; }
+  /// s since the session began, whatever its tick was.
+  [[nodiscard]] double now() const {
+    return before_s_ + (static_cast<double>(ticks_) + part_) * scene_->tick();
+  }
   /// s between calls of tick(): a tick, or a part of one where the controller is on a bus.
   [[nodiscard]] virtual double period() const { return scene_->tick(); }
 
@@ -204,7 +208,21 @@ class LiveSession {
     if (!text.empty()) emit("order", std::move(text));
   }
   void emit(const char* kind, std::string text) { events_.push_back({now(), kind, std::move(text)}); }
-  [[nodiscard]] double now() const { return (static_cast<double>(ticks_) + part_) * scene_->tick(); }
+  /// s under control since the last home(), from which the effects count.
+  [[nodiscard]] double run_time() const {
+    return run_before_s_ + static_cast<double>(run_ticks_) * scene_->tick();
+  }
+  /// Another scene, whose tick may be another: times go on.
+  void use(std::shared_ptr<const Scene> scene) {
+    const double then = now(), ran = run_time();
+    scene_ = std::move(scene);
+    before_s_ += then - now();
+    run_before_s_ += ran - run_time();
+  }
+  void restart_run_time() {
+    run_ticks_ = 0;
+    run_before_s_ = 0.0;
+  }
   [[nodiscard]] const ProtocolTraits& traits() const { return protocol_traits(scene_->drives.protocol); }
 
   std::shared_ptr<const Scene> scene_;
@@ -214,8 +232,9 @@ class LiveSession {
   std::vector<LiveEvent> events_;
   Digest digest_;
   std::uint64_t ticks_ = 0, run_ticks_ = 0;
-  double part_ = 0.0;      ///< of the tick that has begun
-  bool diverged_ = false;  ///< the state is not finite: only home helps
+  double before_s_ = 0.0, run_before_s_ = 0.0;  ///< what ticks of other lengths have left
+  double part_ = 0.0;                           ///< of the tick that has begun
+  bool diverged_ = false;                       ///< the state is not finite: only home helps
 };
 
 /// A loop on the virtual bus, which starts by itself. Throws InputError where that cannot run the scene.

@@ -127,7 +127,7 @@ class Drive {
         receive();
       }
       receive();
-      if (bus_.gone()) throw RunError(gone_text);
+      if (bus_.gone()) throw BusGone();
       const double torque = axis_->joint_torque();
       max_torque_ = std::max(max_torque_, std::abs(torque));
       shaft_.advance(torque, period_);

@@ -171,7 +171,7 @@ int observe(const Scene& scene, const RunOptions& o, HostBus& bus) {
   std::uint32_t n = 0;
   while (n < ticks && !stop_requested()) {
     observer.tick();
-    if (is_gone(bus)) throw RunError(gone_text);
+    if (is_gone(bus)) throw BusGone();
     ++n;
     if (!o.json && n % often == 0) {
       fmt::print("{}\n", line_of(observer.look(), n * scene.tick()));

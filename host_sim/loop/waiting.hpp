@@ -124,15 +124,19 @@ Waited wait_until(Bus& bus, const Done& done, const Stop& stop, std::chrono::mil
 
 inline constexpr int silence_ms = 5000;      ///< without a frame of the other end: the run has failed
 inline constexpr int shutdown_wait_ms = 20;  ///< per tick, for the other end after a stop
-inline constexpr const char* gone_text = "the slcan adapter is gone: unplugged, or closed at its other end";
+/// The slcan adapter has been unplugged, or closed at its other end.
+class BusGone : public RunError {
+ public:
+  BusGone() : RunError("the slcan adapter is gone: unplugged, or closed at its other end") {}
+};
 
-/// Waits for the other end: until `done`, Ctrl-C or silence. Throws RunError when the bus is gone.
+/// Waits for the other end: until `done`, Ctrl-C or silence. Throws BusGone.
 template <class Bus, class Done>
 Waited wait_for(Bus& bus, const Done& done, int patience_ms = silence_ms) {
   const Waited w = wait_until(
       bus, done, [&] { return stop_requested().load() || is_gone(bus); },
       std::chrono::milliseconds(patience_ms));
-  if (w != Waited::done && is_gone(bus)) throw RunError(gone_text);
+  if (w != Waited::done && is_gone(bus)) throw BusGone();
   return w;
 }
 /// Waits at most shutdown_wait_ms for `done`, after a stop. False: it did not come.

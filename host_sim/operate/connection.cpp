@@ -25,7 +25,7 @@ std::vector<std::uint32_t> find_controllers(HostBus& bus, milliseconds patience)
   std::vector<std::uint32_t> found;
   auto end = Clock::now() + patience;
   while (Clock::now() < end && !stop_requested()) {
-    if (is_gone(bus)) throw RunError(gone_text);
+    if (is_gone(bus)) throw BusGone();
     (void)wait_for_frame(bus, 20);
     hal::CanFrame f;
     while (bus.try_receive(f)) {
@@ -51,7 +51,7 @@ Connection::Connection(HostBus& bus, std::uint32_t base) : bus_(bus), client_(ba
 void Connection::send(const hal::CanFrame& f) {
   const auto give_up = Clock::now() + std::chrono::seconds(1);
   while (bus_.try_send(f) != hal::SendStatus::ok) {
-    if (is_gone(bus_)) throw RunError(gone_text);
+    if (is_gone(bus_)) throw BusGone();
     if (Clock::now() > give_up) throw RunError("a frame could not be sent on " + bus_.name());
     std::this_thread::sleep_for(milliseconds(1));
   }
@@ -73,7 +73,7 @@ void Connection::get_in_step(const std::function<hal::CanFrame()>& frame) {
 }
 
 void Connection::pump(std::chrono::nanoseconds patience) {
-  if (is_gone(bus_)) throw RunError(gone_text);
+  if (is_gone(bus_)) throw BusGone();
   (void)wait_for_frame(bus_, patience);
   const auto now = Clock::now();
   hal::CanFrame f;

@@ -17,7 +17,10 @@
     if (!hello) return;
     send({ jog: way && [hello.axes[way[0]], String(way[1] * Math.abs(Number(byId("speed").value)))] });
   });
-  on(byId("override"), "change", ({ target }) => order("override", target.value));
+  let sent = "";
+  const override = (value) => { if (value) order("override", sent = value); };
+  on(byId("override"), "change", ({ target }) => override(target.value));
+  on(byId("override"), "keydown", ({ key, target }) => { if (key === "Enter" && target.value === sent) override(sent); });  // once more
   on(byId("goto"), "submit", (event) => {
     event.preventDefault();
     const { a, b } = event.target.elements;

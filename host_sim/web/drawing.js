@@ -22,7 +22,9 @@ class Drawing {
     on(canvas, "keydown", (event) => this.key(event, true));
     on(canvas, "keyup", (event) => this.key(event, false));
     on(canvas, "blur", () => { this.keys.clear(); this.tell(); });
-    on(window, "blur", () => { this.keys.clear(); this.hold(null); });
+    const leave = () => { this.keys.clear(); this.hold(null); this.tell(); };
+    for (const type of ["blur", "pagehide"]) on(window, type, leave);
+    on(document, "visibilitychange", () => { if (document.hidden) leave(); });
   }
   key(event, down) {
     const ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };

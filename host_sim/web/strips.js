@@ -54,7 +54,7 @@ class Strip extends Plot {
     super(host, { scale: 1, zero: false, height: 136, ...options, kept }, `${options.title} of the last ten seconds`, legend);
     const lines = this.series.map((s) => ({ stroke: () => colour(s.colour), width: 1.5, points: { show: false } }));
     if (!this.create(lines, { x: { range: (u, lo, hi) => [hi - stripSeconds, hi] }, y: { range: (u, lo, hi) => this.range(lo, hi) } },
-      this.marksOf(() => 6, " s"), { size: 56, ...this.marksOf(() => 4) }, { cursor: { show: false } }))
+      this.marksOf(() => 6, " s"), { size: 72, ...this.marksOf(() => 4) }, { cursor: { show: false } }))
       this.host.append(el("p", { class: "note" }, "No plots: this esmc was built without uPlot."));
   }
   data() {

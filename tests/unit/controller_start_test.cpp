@@ -232,13 +232,15 @@ TEST(ControllerJoining, WhatFourMotorsWereAskedForIsKeptOfTheBaseMotors) {
   EXPECT_NEAR(four.controller->memory().asked[1], base.torque[2], 1e-9);
 }
 
-/// A join of few ticks is looked at in as many of its first points, and not after its end.
-TEST(ControllerJoining, AfterItsEndAJoinIsNotLookedAt) {
-  Joining j(Vec2<float>(0.5F, 0.0F));
-  j.config.join_ticks = 8;
+/// All of it, and not what comes after its end.
+TEST(ControllerJoining, AJoinOfFewTicksIsLookedAtInTheFirst) {
   const double mean = 0.5 / 0.008, at_three = 30 * 9.0 / 64 * 25.0 / 64, fastest = 1.875;
-  j.config.limits.joint_speed = static_cast<float>(mean * (at_three + fastest) / 2);
-  EXPECT_EQ(j.fault(), 0);
+  for (const double limit : {(at_three + fastest) / 2, 0.999 * fastest, 1.001 * fastest}) {
+    Joining j(Vec2<float>(0.5F, 0.0F));
+    j.config.join_ticks = 8;
+    j.config.limits.joint_speed = static_cast<float>(mean * limit);
+    EXPECT_EQ(j.fault(), limit < fastest ? 1 : 0) << limit;
+  }
 }
 
 /// The reference turns back where the arm stands and is the fastest after the end of the join: at sin(72 deg)
@@ -488,9 +490,9 @@ TEST(ControllerTold, TheOddEncoderIsToldAsADriveMotorsFirst) {
       a.tick();
       EXPECT_EQ(a.controller->odd_encoder(), joint) << "the last one that explained it";
       const auto told = report_of(*a.controller, r, a.now);
-      EXPECT_EQ(told.axis, joint == 0 ? link::Report{}.axis : axes[joint - 1U]);
+      EXPECT_EQ(told.encoder, joint == 0 ? link::Report{}.encoder : axes[joint - 1U]);
       r.fault = Fault::drive_error;
-      EXPECT_EQ(report_of(*a.controller, r, a.now).axis, link::Report{}.axis) << "not of its making";
+      EXPECT_EQ(report_of(*a.controller, r, a.now).encoder, link::Report{}.encoder) << "not of its making";
       EXPECT_EQ(told.joints, motors == Motors::base ? 2 : 4);
       for (unsigned i = told.joints; i < 4; ++i) EXPECT_EQ(told.angle[i], 0.0F);
     }

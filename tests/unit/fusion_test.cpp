@@ -271,7 +271,7 @@ TYPED_TEST(Fusion, TheFaultTellsWhichEncoder) {
     EXPECT_EQ(controller.odd_encoder(), odd + 1);
     // Motors, at joints 0 and 2, are told first; then the passive encoders.
     constexpr std::array<int, 4> told{0, 2, 1, 3};
-    EXPECT_EQ(report_of(controller, result, sample).axis, told.at(static_cast<unsigned>(odd)));
+    EXPECT_EQ(report_of(controller, result, sample).encoder, told.at(static_cast<unsigned>(odd)));
     sample.angle[odd] -= S(0.03);
     (void)controller.tick(sample, supervisor);
     EXPECT_EQ(controller.odd_encoder(), odd + 1) << "it stays known";

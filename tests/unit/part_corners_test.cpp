@@ -36,7 +36,7 @@ TEST(PartCorners, WithoutFusionNoEncoderIsBlamed) {
   Controller<Five> controller(s.controller);
   TickResult<Five> result;
   result.fault = Fault::loop_not_closed;
-  EXPECT_EQ(report_of(controller, result, Sample<Five>{}).axis, link::no_axis);
+  EXPECT_EQ(report_of(controller, result, Sample<Five>{}).encoder, link::no_axis);
 }
 
 TEST(PartCorners, ADelayIsRoundedAndNoLongerThanTheMemory) {
