@@ -82,15 +82,15 @@ void Connection::pump(std::chrono::nanoseconds patience) {
     if (client_.hear(f)) heard_ = now;
     tell_taps(now, f);
   }
-  if (now - heard_ > milliseconds(silence_ms))
-    throw RunError(fmt::format("no controller with base_id 0x{:03x} was heard for {} s on {}", client_.base(),
-                               silence_ms / 1000, bus_.name()));
   if (news().others != others_) {
     others_ = news().others;
     other_ = now;
     other_status_ = news().statuses;
   }
   if (attendant_.meanwhile) attendant_.meanwhile();
+  if (now - heard_ > milliseconds(silence_ms))
+    throw ControllerSilent(fmt::format("no controller with base_id 0x{:03x} was heard for {} s on {}",
+                                       client_.base(), silence_ms / 1000, bus_.name()));
   if (alive_ == Alive::no || now - alive_at_ < alive_period || news().statuses == answered_status_) return;
   if (alive_ == Alive::unless_another && another()) return;
   if (attendant_.present && !attendant_.present()) return;

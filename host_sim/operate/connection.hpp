@@ -23,6 +23,12 @@ class Refused : public RunError {
   using RunError::RunError;
 };
 
+/// The controller has been silent for silence_ms; it may come back.
+class ControllerSilent : public RunError {
+ public:
+  using RunError::RunError;
+};
+
 /// Base identifiers of the controllers that send Status on a bus: listens until the first is found,
 /// `patience` at most, and then as long as another one may take. Sends nothing.
 std::vector<std::uint32_t> find_controllers(HostBus& bus, std::chrono::milliseconds patience);
@@ -43,6 +49,10 @@ class Connection {
   [[nodiscard]] const link::Status& status() const { return *client_.news().status; }
   [[nodiscard]] LinkClient& client() { return client_; }
   [[nodiscard]] HostBus& bus() { return bus_; }
+  /// s since the last frame of the controller.
+  [[nodiscard]] double silent_s() const {
+    return std::chrono::duration<double>(Clock::now() - heard_).count();
+  }
   std::map<const void*, Tap> taps;  ///< by owner: every frame goes to them as well
 
   enum class Alive : std::uint8_t {
@@ -67,7 +77,7 @@ class Connection {
   /// Sends a frame; waits for the bus to take it. Throws RunError when the bus is gone.
   void send(const hal::CanFrame& f);
   /// Reads the frames that wait, up to `patience` for the first, and sends the sign of life when it is due.
-  /// Throws RunError when the bus is gone or the controller has been silent for 5 s.
+  /// Throws BusGone, or ControllerSilent after the attendant's turn.
   void pump(std::chrono::nanoseconds patience);
   /// Pumps until done(); `stoppable`: or stopped().
   template <class Done>

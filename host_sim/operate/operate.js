@@ -139,13 +139,18 @@
     });
   }
   function showState() {
-    const detail = showVerdict(now, meanings), running = now.state === "running";
-    put(byId("detail"), now.busy && running ? `${now.busy} …` : now.zero_known ? detail : "The zero is not confirmed: Home, or Zero in the zero pose.");
+    const detail = showVerdict(now, meanings), running = now.state === "running", able = has && now.silent_s === null;
+    if (now.silent_s !== null) {
+      byId("verdict").dataset.level = "bad";
+      put(query(".symbol"), "!");
+      put(byId("state"), "not heard");
+      put(byId("detail"), `Nothing from the controller for ${now.silent_s.toFixed(0)} s: all that is shown is old. A stop is sent until it is heard.`);
+    } else put(byId("detail"), now.busy && running ? `${now.busy} …` : now.zero_known ? detail : "The zero is not confirmed: Home, or Zero in the zero pose.");
     const fits = { arm: now.state === "disabled" && now.fault === "none", run: now.state === "disabled" && now.fault === "none", hold: running, resume: running && now.pace === "held",
       reset: now.fault !== "none", zero: now.state === "disabled", home: now.state === "disabled" && now.fault === "none", store: now.state === "disabled" && now.store !== "none" };
     for (const button of document.querySelectorAll("[data-do]")) {
-      button.disabled = !has || !fits[button.dataset.do];
-      button.classList.toggle("wanted", has && ((button.dataset.do === "reset" && now.fault !== "none") || (button.dataset.do === "arm" && fits.arm)));
+      button.disabled = !able || !fits[button.dataset.do];
+      button.classList.toggle("wanted", able && ((button.dataset.do === "reset" && now.fault !== "none") || (button.dataset.do === "arm" && fits.arm)));
     }
     if (!running) pad.release();  // a button disabled while pressed fires no release event
     byId("override").hidden = !has || now.source !== "reference";
@@ -157,8 +162,8 @@
     put(byId("source"), now.pace === "full" ? now.source : `${now.source}, ${now.pace}`);
     showRecords();
     showPoints();
-    for (const button of document.querySelectorAll("#goto [type=submit], [data-file=run] button, #points button, #pad button")) button.disabled = !has || !running || now.source !== "stream";
-    query("[data-file=capture] button").disabled = !has || (now.state !== "disabled" && now.state !== "fault");
+    for (const button of document.querySelectorAll("#goto [type=submit], [data-file=run] button, #points button, #pad button")) button.disabled = !able || !running || now.source !== "stream";
+    query("[data-file=capture] button").disabled = !able || (now.state !== "disabled" && now.state !== "fault");
     showGains();
   }
   let pictures = 0;

@@ -90,7 +90,11 @@ class PageLoop {
 
   void run() {
     while (!stop_requested()) {
-      link_.pump(milliseconds(5));
+      try {
+        link_.pump(milliseconds(5));
+      } catch (const ControllerSilent&) {  // the page says so; a stop goes on until it is heard
+        continue;
+      }
       if (const auto stop = api_.stop(); stop != PageApi::Stop::none) {
         carry_out(stop);
       } else if (auto order = api_.next_order()) {
@@ -108,7 +112,7 @@ class PageLoop {
     } else {
       carry_out(Console::Words{stop == PageApi::Stop::off ? "off" : "halt"});
     }
-    api_.stop_done(stop);
+    if (link_.silent_s() * 1e3 <= silence_ms) api_.stop_done(stop);
   }
   void carry_out(const Console::Words& words) {
     api_.tell(time(), "order", fmt::format("{}", fmt::join(words, " ")));
@@ -143,6 +147,8 @@ class PageLoop {
     Json j = status_json(link_);
     j["t"] = time();
     j["busy"] = busy_;
+    const double silent = link_.silent_s(), usual = scene_.command->status_ticks * scene_.tick();
+    j["silent_s"] = silent > std::max(1.0, 3.0 * usual) ? Json(silent) : Json(nullptr);
     for (Json& record : j["faults"]) {
       if (const auto found = found_.find(record["name"].get<std::string>()); found != found_.end())
         record.update(found->second);

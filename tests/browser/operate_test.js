@@ -55,7 +55,7 @@ async function bench(...more) {
   halves.forEach((half) => half.stdout.resume());
   const page = start("operate", can.name, scene, ...all, "--page", "--points", path.join(folder(), "points.toml"));
   const { value: url } = await readline.createInterface({ input: page.stdout })[Symbol.asyncIterator]().next();
-  return { url, can, page, async end() {
+  return { url, can, page, halves, async end() {
     page.kill("SIGINT");
     assert.equal(await page.ended, 0);
     halves.forEach((half) => half.kill("SIGKILL"));
@@ -202,6 +202,16 @@ if (shot) {
     await sound(page);
     await b.end();
     await state(page, "not connected");
+  });
+
+  test("a controller that is not heard", async () => {
+    const b = await bench(), page = await armed(b);
+    b.halves[1].kill("SIGKILL");
+    await state(page, "not heard");
+    assert.ok(await page.isDisabled("[data-do=hold]"));
+    await until(page, () => /Nothing from the controller for ([6-9]|\d\d) s/.test(document.getElementById("detail").textContent));  // the program goes on
+    await page.keyboard.press("Escape");
+    await state(page, "not heard");
   });
 
   test("a page that is closed or hangs in a jog: rest", async () => {
