@@ -50,6 +50,7 @@ class Controller {
   [[nodiscard]] const Config& config() const { return config_; }
   /// 1 + index of the joint whose encoder alone explains the last gap above limits.closure; 0: none so far.
   [[nodiscard]] std::uint8_t odd_encoder() const { return odd_encoder_; }
+  void forget_odd_encoder() { odd_encoder_ = 0; }  ///< of an earlier order to enable
   /// Configuration of the supervisor of this controller.
   [[nodiscard]] Supervisor::Config supervision() const {
     return {config_.halt_ticks > 0, config_.after_halt,
@@ -235,14 +236,15 @@ class Controller {
   /// Checks one of `outlook` points of the joining motion per tick, so that all of it is known early, of
   /// fewer ticks all in the first one: speed and acceleration of the base joints, and torque.
   [[nodiscard]] bool join_feasible() const {
-    if (setpoints_.active() || running_tick_ >= outlook || running_tick_ >= config_.join_ticks) return true;
-    return config_.join_ticks < outlook ? short_join_feasible()
-                                        : within_limits_at(static_cast<std::uint32_t>(
-                                              config_.join_ticks * (running_tick_ + 1) / (outlook + 1)));
+    return setpoints_.active() || config_.join_ticks == 0 || running_tick_ >= outlook ||
+           running_tick_ >= config_.join_ticks || next_points_feasible();
   }
-  [[nodiscard, gnu::noinline, gnu::cold]] bool short_join_feasible() const {
+  [[nodiscard, gnu::noinline, gnu::cold]] bool next_points_feasible() const {
+    const std::uint32_t ticks = config_.join_ticks;
+    if (ticks >= outlook)
+      return within_limits_at(static_cast<std::uint32_t>(ticks * (running_tick_ + 1) / (outlook + 1)));
     bool feasible = true;
-    for (std::uint32_t n = 0; running_tick_ == 0 && n < config_.join_ticks; ++n)
+    for (std::uint32_t n = 0; running_tick_ == 0 && n < ticks; ++n)
       feasible = feasible && within_limits_at(n);
     return feasible;
   }
@@ -530,7 +532,6 @@ TickResult<M> Controller<M>::tick(const Sample<M>& measured, Supervisor& supervi
     stop_trajectory_.end();
     sign_test_.reset();
     memory_.reset();
-    if (supervisor.state() == State::enabling) odd_encoder_ = 0;
   }
   out.running_tick = running_tick_;
   bool acted = false;
@@ -580,9 +581,13 @@ TickResult<M> Controller<M>::home(const Sample<M>& measured, Supervisor& supervi
     supervisor.raise(fault);
   } else {
     const bool brakes = supervisor.state() == State::halting;
+    const Vec2<S> rate = at_base(measured.rate);
     Vec2<S> torque = Vec2<S>::Zero();
-    fault = brakes ? homing.brake(at_base(measured.rate), torque)
-                   : homing.step(at_base(angle), at_base(measured.rate), torque);
+    if (!within(rate[0], limits.joint_speed) || !within(rate[1], limits.joint_speed)) {
+      fault = Fault::joint_speed;
+    } else {
+      fault = brakes ? homing.brake(rate, torque) : homing.step(at_base(angle), rate, torque);
+    }
     to_base_motors(torque, out);
     if (const Fault limited = limit_apart(out); fault == Fault::none) fault = limited;
     supervisor.raise(fault);

@@ -72,8 +72,7 @@ class Cycle {
         samples_timed_(config.samples_timed),
         link_(config.link),
         delay_ticks_(config.delay_ticks),
-        homing_(config.homing, config.controller.sample_time, config.controller.halt_ticks,
-                config.controller.limits.joint_speed),
+        homing_(config.homing, config.controller.sample_time, config.controller.halt_ticks),
         motors_(places(config.controller.motor_count())),
         sensors_(places(config.controller.sensor_count())),
         limits_fit_all_shafts_(motors_that_can_carry(config.controller.torque_limit) == motors_.count),
@@ -330,8 +329,9 @@ class Cycle {
 
   /// Of a passive encoder only samples count.
   [[gnu::cold, gnu::noinline]] bool enabling_expired(std::uint32_t passed) {
-    if constexpr (requires(D & a) { a.begin_enabling(); }) {
-      if (!wait_.waits) {  // the first tick of an order
+    if (!wait_.waits) {  // the first tick of an order
+      controller_.forget_odd_encoder();
+      if constexpr (requires(D & a) { a.begin_enabling(); }) {
         for (D& a : axes_) a.begin_enabling();
       }
     }

@@ -31,10 +31,9 @@ template <class S>
 class Homing {
  public:
   Homing() = default;
-  /// `sample_time`: s, > 0; brake() must end within 4 halt_ticks, or 40 where that is more; `joint_speed`:
-  /// rad/s, > 0, Limits::joint_speed.
-  Homing(const HomingConfig<S>& config, S sample_time, std::uint32_t halt_ticks, S joint_speed)
-      : config_(config), sample_time_(sample_time), joint_speed_(joint_speed), halt_ticks_(halt_ticks) {}
+  /// `sample_time`: s, > 0; brake() must end within 4 halt_ticks, or 40 where that is more.
+  Homing(const HomingConfig<S>& config, S sample_time, std::uint32_t halt_ticks)
+      : config_(config), sample_time_(sample_time), halt_ticks_(halt_ticks) {}
 
   [[nodiscard]] bool available() const { return config_.travel > S(0); }  ///< homing is configured
   /// True in the one tick in which step() has found both joints pressed on their stops: the zero pose.
@@ -45,7 +44,7 @@ class Homing {
   [[nodiscard]] S feedback_jump() const { return std::max(fastest() * sample_time_, S(0.002F)); }
 
   /// Makes the next step() begin with the first joint.
-  void reset() { *this = Homing(config_, sample_time_, halt_ticks_, joint_speed_); }
+  void reset() { *this = Homing(config_, sample_time_, halt_ticks_); }
 
   /// One tick. `angle` (rad), `rate` (rad/s): of the base joints, finite; sets their `torque`, N m. A fault:
   /// a joint is too fast, has met no stop, has left it again, or does not move.
@@ -91,10 +90,9 @@ class Homing {
   [[nodiscard]] S clamped(S torque, int j) const {
     return std::clamp(torque, -config_.torque[j], config_.torque[j]);
   }
-  /// Four times the larger speed, rad/s, within joint_speed: in a closed chain one joint may move the other
-  /// faster than itself.
+  /// Four times the larger speed, rad/s: in a closed chain one joint may move the other faster than itself.
   [[nodiscard]] S fastest() const {
-    return std::min(S(4) * std::max(std::abs(config_.speed[0]), std::abs(config_.speed[1])), joint_speed_);
+    return S(4) * std::max(std::abs(config_.speed[0]), std::abs(config_.speed[1]));
   }
   [[nodiscard]] Fault too_fast(const Vec2<S>& rate) const {
     return within(rate[0], fastest()) && within(rate[1], fastest()) ? Fault::none : Fault::joint_speed;
@@ -197,7 +195,7 @@ class Homing {
   }
 
   HomingConfig<S> config_{};
-  S sample_time_{}, joint_speed_{};
+  S sample_time_{};
   std::uint32_t halt_ticks_ = 0;
   int joint_ = 0;                           // that seeks its stop; 2: none
   Way way_ = Way::there;                    // of that joint

@@ -19,7 +19,7 @@ class SampleJumpCheck {
 
   /// True unless a sample newer than the last one kept differs from its prediction by more than `jump` (rad)
   /// per tick between them; true before the first one and with jump = 0. The caller checks finite().
-  [[nodiscard]] Truth<S> plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
+  [[nodiscard]] ESMC_INLINE Truth<S> plausible(int joint, const Sample<M>& now, S jump, S sample_time) const {
     const auto u = static_cast<unsigned>(joint);
     if (!(jump > S(0)) || !known_[u] || now.age_ticks[u] > age_[u]) return Truth<S>(true);
     const S ticks = S(age_[u] + 1 - now.age_ticks[u]);

@@ -100,7 +100,7 @@ class ControlLoop {
       : setup_(s),
         controller_(controller_of(s)),
         supervisor_(controller_.supervision()),
-        homing_(s.homing, s.tick, controller_.config().halt_ticks, controller_.config().limits.joint_speed),
+        homing_(s.homing, s.tick, controller_.config().halt_ticks),
         motion_({Plant(s.truth), Plant(s.truth), s.effects, motor_joints(s), host::Method::rk4},
                 Plant::from_joints(theta, {})),
         actuators_(s.effects, motor_joints(s), 1) {

@@ -28,7 +28,7 @@ struct Alone {
     if (!controller) {
       controller.emplace(config);
       supervisor.emplace(controller->supervision());
-      homing.emplace(approach, config.sample_time, config.halt_ticks, config.limits.joint_speed);
+      homing.emplace(approach, config.sample_time, config.halt_ticks);
     }
     supervisor->begin_tick(command, {true, true}, done);
     soil();

@@ -306,6 +306,9 @@ TYPED_TEST(Homing, SamplesAreJudgedAsEverywhere) {
   ends_in([](auto& b) { b.rig.sends_encoder[1] = false; }, Fault::stale_feedback);
   ends_in([](auto& b) { b.v[0] = -5.0 * speed; }, Fault::joint_speed);
   ends_in([](auto& b) { b.v[1] = 5.0 * speed; }, Fault::joint_speed);
+  // Beyond limits.joint_speed, too, whatever the speed of homing is.
+  ends_in([](auto& b) { b.v[0] = -1e3; }, Fault::joint_speed);
+  ends_in([](auto& b) { b.v[1] = 1e3; }, Fault::joint_speed);
   ends_in([](auto& b) { b.rig.error[0] = 1; }, Fault::drive_error);
 }
 
