@@ -86,6 +86,9 @@ def into_controller(program, frames):
                 else:
                     raw = {0: low, 1: high}.get(n, draw.randint(int(low), int(high)))
                 values[s.name] = raw  # what canmatrix encodes
+            if name == "Command":  # another percentage has no meaning, and is not read
+                over = frame.signal_by_name("Order").values[values["Order"]] == "override"
+                values["Percent"] = values["Percent"] % 101 if over else 0
             values["Crc"] = 0
             session = draw.randint(0, 255)
             data = bytearray(frame.encode(values))
