@@ -213,7 +213,7 @@ class Run {
       const unsigned ahead = (count - heard_[which]) & 15U;
       const bool in_order = !known_[which] || ahead == 1 || ahead == 2;
       if (!in_order && !takes_away) require(o != Outcome::obeyed, "nothing is obeyed twice");
-      if (in_order) known_[which] = true, heard_[which] = count;
+      if (in_order && o != Outcome::malformed) known_[which] = true, heard_[which] = count;
     }
     if (o == Outcome::obeyed) obeyed(f);
     const bool forgets = f.id == base + Desk::command && f.data[2] == Desk::forget;
