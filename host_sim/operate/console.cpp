@@ -147,6 +147,7 @@ Points& Console::points() const {
 }
 
 void Console::teach(const Words& words) {
+  Points& kept = points();
   auto at = position(space());
   const auto measured = link_.news().pose();
   if (!measured || now().zero_unknown)
@@ -154,8 +155,8 @@ void Console::teach(const Words& words) {
   // Without torque the measured pose counts, for every reference.
   if (space() == link::Space::effector && now().state != State::running)
     for (std::size_t i = 0; i < at.size(); ++i) at[i] = static_cast<double>((*measured)[i]);
-  points().teach(words[1], at);
-  say(fmt::format("{} = {:.6f} {:.6f}, in {}", words[1], at[0], at[1], points().file()));
+  kept.teach(words[1], at);
+  say(fmt::format("{} = {:.6f} {:.6f}, in {}", words[1], at[0], at[1], kept.file()));
 }
 
 void Console::list_points(const Words&) {
