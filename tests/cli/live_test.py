@@ -5,6 +5,7 @@ Usage: live_test.py ESMC SCENE [sanitized]
 """
 
 import base64
+import itertools
 import json
 import os
 import pathlib
@@ -405,6 +406,55 @@ def a_controller_with_its_turn(esmc, scene):
         cable.close()
 
 
+def torques(bench):
+    """Times and torques of motor 1, as the page saves them."""
+    rows = request(bench, f"/log.csv?token={bench.token}")[2].decode().splitlines()
+    t, tau = (rows[0].split(",").index(name) for name in ("t", "tau11"))
+    return [(float(r[t]), float(r[tau])) for r in (line.split(",") for line in rows[1:])]
+
+
+def what_a_bench_shows_and_saves(esmc, scene):
+    """A torque that alternates; time, whatever the tick; a fault without an end; a scene that names a file."""
+    chatter = ["--set", "control.rate_hz=2000", "--set", "control.reaching=sign", "--set", "control.gain=10"]
+    bench = Bench(esmc, scene, *chatter)
+    now_at = lambda page, t: page.wait(lambda m: "now" in m and m["now"]["state"] == "running" and m["now"]["t"] > t, "a time")["now"]["t"]
+    now_at(Page(bench), 1.0)
+    seen = [abs(b - a) for (_, a), (_, b) in itertools.pairwise(torques(bench)[-200:])]
+    assert sum(seen) / len(seen) > 0.2, seen
+    bench.end()
+    with tempfile.TemporaryDirectory() as folder:
+        own = pathlib.Path(folder, "scene.toml")
+        own.write_bytes(pathlib.Path(scene).read_bytes())
+        pathlib.Path(folder, "ref.csv").write_text("t,x,y\n0,0.07,0.17\n50,0.05,0.18\n100,0.07,0.17\n")
+        bench = Bench(esmc, own, "--set", 'reference={type="file", path="ref.csv", join=0.3}')
+        page, last = Page(bench), 0.0
+        for rate in (500, 1000, 250):
+            last = now_at(page, last + 0.3)
+            page.say(set=[f"control.rate_hz={rate}", "control.lambda=20.0"])
+            page.wait(lambda m: "scene" in m, "another tick")
+        now_at(page, last + 0.5)
+        times = [t for t, _ in torques(bench)]
+        assert all(0 < b - a < 0.2 for a, b in itertools.pairwise(times)), [p for p in itertools.pairwise(times) if not 0 < p[1] - p[0] < 0.2]
+        page.say(inject={"fault": "torque_lost", "drive": 1, "ms": None})
+        page.wait(lambda m: any("torque_lost" in e["text"] and "until" in e["text"] for e in m.get("events", [])), "no end")
+        saved = pathlib.Path(folder, "elsewhere")
+        saved.mkdir()
+        (saved / "saved.toml").write_bytes(request(bench, f"/scene.toml?token={bench.token}")[2])
+        bench.end()
+        run = subprocess.run([esmc, "sim", "saved.toml", "--set", "simulation.duration=0.1"], cwd=saved, capture_output=True, text=True, check=False)
+        assert run.returncode == 0, run.stderr
+
+
+def a_bus_that_goes(esmc, scene):
+    with tempfile.TemporaryDirectory() as folder:
+        cable = Cable(folder)
+        bench = Bench(esmc, scene, "--bus", f"slcan:unix:{cable.paths[0]}")
+        now(Page(bench))
+        cable.close()
+        _, err = bench.process.communicate(timeout=PATIENCE)
+        assert bench.process.returncode == 1 and "the slcan adapter is gone" in err, (bench.process.returncode, err)
+
+
 def the_command(esmc, scene):
     """What it prints, and when it refuses."""
     # The web library keeps 72 bytes when it cannot listen; the process ends anyway.
@@ -427,6 +477,8 @@ def main():
     esmc, scene = sys.argv[1:3]
     the_command(esmc, scene)
     a_controller_elsewhere(esmc, scene)
+    a_bus_that_goes(esmc, scene)
+    what_a_bench_shows_and_saves(esmc, scene)
     bench = Bench(esmc, scene)
     try:
         only_on_loopback(bench)
