@@ -4,13 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "firmware/safety/faults.hpp"
 #include "host_sim/controller/controller_config.hpp"
-#include "host_sim/drives/placed_axes.hpp"
 #include "host_sim/loop/run.hpp"
 #include "host_sim/plant/system.hpp"
+#include "host_sim/scene/frame_steps.hpp"
 #include "host_sim/turns.hpp"
 
 namespace esmc::host {
@@ -295,10 +294,10 @@ void judge_slow(const Scene& scene, const Margins& m, const std::vector<ProbePar
 /// The steps in which the drives' frames report the joints, for the law amplifies them.
 std::string frame_steps_of(const Scene& s) {
   const FrameSteps at_shaft = frame_steps(s.drives, 0);
-  if (!(at_shaft.position_rev > 0.0)) return "";
-  const double turn = 2.0 * std::numbers::pi / s.drives.gear_ratio[0];
+  if (!(at_shaft.position > 0.0)) return "";
+  const double gear = s.drives.gear_ratio[0];
   return fmt::format("; drive 1 reports its joint in steps of {:.3g} rad and {:.3g} rad/s",
-                     turn * at_shaft.position_rev, turn * at_shaft.velocity_rev_s);
+                     at_shaft.position / gear, at_shaft.velocity / gear);
 }
 
 /// Mean change of torque per tick and motor over the whole run, as a share of torque_limit: of the parts that

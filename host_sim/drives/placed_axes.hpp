@@ -40,23 +40,6 @@ inline std::vector<PlacedAxis> placed_axes(const Scene& s) {
   return out;
 }
 
-/// Steps of the integers in a drive's frames, at the shaft; 0: floats.
-struct FrameSteps {
-  double position_rev = 0.0, velocity_rev_s = 0.0, torque = 0.0;  ///< turns, turns/s, N m
-};
-
-/// Steps of the frames of a motor's drive in the scene's protocol.
-inline FrameSteps frame_steps(const DriveScene& d, std::size_t motor) {
-  constexpr double turn = 2.0 * std::numbers::pi;
-  if (d.protocol == Protocol::cia402)
-    return {1.0 / d.counts_per_turn, d.velocity_unit / turn, 1e-3 * d.rated_torque[motor]};
-  if (d.protocol != Protocol::mit) return {};
-  const double torque = 2.0 * d.torque_range[motor] / drive::mit::code_max_12;
-  if (d.dialect == drive::mit::Dialect::cubemars_v3) return {1.0 / 3600.0, d.velocity_unit / turn, torque};
-  return {2.0 * d.position_range[motor] / drive::mit::code_max_16 / turn,
-          2.0 * d.velocity_range[motor] / drive::mit::code_max_12 / turn, torque};
-}
-
 /// Settings of the emulated MIT drive of `motor`, from the scene.
 inline MitAxis::Settings mit_settings(const Scene& s, std::size_t motor, bool lockstep) {
   const DriveScene& d = s.drives;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numbers>
 
 #include "host_sim/controller/robust.hpp"
 #include "host_sim/drives/actuators.hpp"
@@ -13,6 +14,7 @@
 #include "host_sim/record/fault_record.hpp"
 #include "host_sim/record/finish.hpp"
 #include "host_sim/record/recorder.hpp"
+#include "host_sim/scene/frame_steps.hpp"
 
 namespace esmc::host {
 namespace {
@@ -193,13 +195,13 @@ class SimRun {
       if (count == 2 && a.joint % (M::joints / 2) != 0) continue;
       const double k = a.mount.rev_per_rad();
       out.push_back({a, ShaftSensor(effects, scene_.tick(), k, a.joint, scene_.seed), k});
-      if (use_.in_frames && a.motor) out.back().steps = frame_steps(scene_.drives, a.entry);
+      if (use_.in_frames) out.back().steps = frame_steps(scene_.drives, a.entry);
       const Shaft shaft = motion_.shaft(static_cast<std::size_t>(a.joint));
       const double rate = scene_.reference.first_tick > 0 ? shaft.rate : 0.0;  // else it has been at rest
       out.back().shaft.settle({(shaft.angle - rate * scene_.tick() - a.mount.offset) * k, rate * k});
     }
-    exact_ = effects.none() &&
-             std::ranges::all_of(out, [](const Sensor& s) { return !(s.steps.position_rev > 0.0); });
+    exact_ =
+        effects.none() && std::ranges::all_of(out, [](const Sensor& s) { return !(s.steps.position > 0.0); });
     return out;
   }
   template <class C>
@@ -214,7 +216,9 @@ class SimRun {
       }
       ShaftReading r =
           s.shaft.read({(shaft.angle - s.axis.mount.offset) * s.rev_per_rad, shaft.rate * s.rev_per_rad});
-      r = {rounded(r.position_rev, s.steps.position_rev), rounded(r.velocity_rev_s, s.steps.velocity_rev_s)};
+      constexpr double turn = 2.0 * std::numbers::pi;
+      r = {rounded(r.position_rev, s.steps.position / turn),
+           rounded(r.velocity_rev_s, s.steps.velocity / turn)};
       sample.angle[s.axis.joint] = static_cast<S>(r.position_rev / s.rev_per_rad + s.axis.mount.offset);
       sample.rate[s.axis.joint] = static_cast<S>(r.velocity_rev_s / s.rev_per_rad);
     }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "host_sim/scene/frame_steps.hpp"
 #include "host_sim/scene/scene.hpp"
 
 namespace esmc::host {
@@ -127,12 +128,7 @@ void check_moteus(const Section& s, const Scene& scene) {
 }
 
 /// rad/s at the joint: the step in which the drive of motor i says a speed; 0: in floats.
-double speed_step(const DriveScene& d, std::size_t i) {
-  const bool v3 = d.protocol == Protocol::mit && d.dialect == drive::mit::Dialect::cubemars_v3;
-  if (d.protocol == Protocol::cia402 || v3) return d.velocity_unit / d.gear_ratio[i];
-  return d.protocol == Protocol::mit ? 2.0 * d.velocity_range[i] / drive::mit::code_max_12 / d.gear_ratio[i]
-                                     : 0.0;
-}
+double speed_step(const DriveScene& d, std::size_t i) { return frame_steps(d, i).velocity / d.gear_ratio[i]; }
 
 /// The end stops are at zero_pose.
 void read_homing(Section& s, Scene& scene) {
