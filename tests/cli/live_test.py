@@ -441,7 +441,7 @@ def what_a_bench_shows_and_saves(esmc, scene):
         saved.mkdir()
         (saved / "saved.toml").write_bytes(request(bench, f"/scene.toml?token={bench.token}")[2])
         bench.end()
-        run = subprocess.run([esmc, "sim", "saved.toml", "--set", "simulation.duration=0.1"], cwd=saved, capture_output=True, text=True, check=False)
+        run = subprocess.run([esmc, "sim", saved / "saved.toml", "--set", "simulation.duration=0.1"], capture_output=True, text=True, check=False)
         assert run.returncode == 0, run.stderr
 
 
